@@ -1,9 +1,9 @@
-"""The reaper: a process of its own that sweeps every two seconds, ``python -m workers.sweeper``.
+"""The reaper: a process of its own that makes a pass every two seconds, ``python -m workers.sweeper``.
 
 It is no pool process of the workers that solve, so a farm whose every process is busy for an hour is still swept. It
 needs no broker and no clock of day: a period is told by the monotonic clock, which nobody sets.
 
-The sweep recovers everything else, so nothing else can recover the sweep: a sweeper that gets nowhere ends, and
+The reaper recovers everything else, so nothing else can recover it: a sweeper without progress ends, and
 whoever supervises it starts it again. What hangs in a library or in the kernel raises no error; a thread of the
 interpreter's own, outside of Python, counts the time.
 """
@@ -19,7 +19,7 @@ from dataclasses import replace
 from functools import cache
 
 from service.platform.garbage import imports_done
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.observability import logs
 from service.platform.settings import get_settings, settings_or_exit
 from service.platform.storage.store import Store
@@ -33,7 +33,7 @@ def expect_progress() -> None:
     faulthandler.dump_traceback_later(max(settings.stalled_s, 5 * settings.sweep_s), exit=True)
 
 
-# Removing objects is the least urgent thing that a sweep does: a store that hangs must not hold up the next sweep.
+# Removing objects is the reaper's least urgent step: a store that hangs must not delay the next pass.
 _PATIENCE_S = 2.0
 
 log = logging.getLogger(__name__)
@@ -46,13 +46,13 @@ def _store() -> Store:
 
 
 def run(stopping: threading.Event) -> None:
-    """Sweep until told to stop. Whatever a sweep fails at, the next one begins a period after this one did."""
+    """Make passes until told to stop. If a pass fails, the next one still begins a period after it began."""
     settings = get_settings()
     while not stopping.is_set():
         began = time.monotonic()
         expect_progress()
         try:
-            sweep(get_context().database, _store(), expect_progress)
+            reap(get_context().database, _store(), expect_progress)
             remove_leftovers(settings.scratch)
         except Exception as error:
             log.warning("this sweep failed, the next one tries again: %s", f"{type(error).__name__}: {error}")
@@ -62,7 +62,7 @@ def run(stopping: threading.Event) -> None:
 
 
 def main() -> None:
-    """Run as a process; SIGTERM and SIGINT end it after the sweep under way."""
+    """Run as a process; SIGTERM and SIGINT end it after the pass under way."""
     settings = settings_or_exit()
     logs.configure(settings.log_form, logging.WARNING)
     stopping = threading.Event()

@@ -95,7 +95,7 @@ class Settings(BaseSettings):
     resend_s: float = 10.0
     """First resend of an unclaimed job; doubles each time."""
     sweep_s: float = 2.0
-    """Period of the sweep."""
+    """Period of the reaper."""
     stalled_s: float = Field(default=180.0, gt=0)
     """A sweeper ends, to be started again, after so long without progress."""
     max_lost_leases: int = 5

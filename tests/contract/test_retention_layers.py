@@ -10,7 +10,7 @@ from service.platform.db.clock import now
 from service.platform.db.models import Blob, CorrespondenceSet, Fleet, Recording, Result
 from service.platform.db.session import Database
 from service.platform.http.problems import conflict
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.recordings import retention
 from service.recordings.actions import delete_set
 from service.recordings.retention import delete_old_imports, delete_overdue, remove_old_layers
@@ -61,7 +61,7 @@ def test_images_go_before_sweeps_and_both_say_so(context, tmp_path, engineer):
     found = engineer.get(path).json()
     assert found["state"] == "ready" and "original, images, sweeps" in found["warnings"][-1]
     assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == 0
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     with context.database.reading() as session:
         assert session.scalars(select(Blob.key)).all() == ["expired"], "and their rows"
     assert engineer.delete(path).status_code == 204

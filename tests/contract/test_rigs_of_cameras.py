@@ -13,7 +13,7 @@ from apexcal.geometry.se3 import SE3, to_document
 from service.platform.db.models import Calibration, CorrespondenceSet, Job, Result
 from service.platform.jobs.claims import Lease, claim, finish
 from service.platform.jobs.queue import retry
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.publications.actions import Grounds, publish
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.work import work
@@ -135,7 +135,7 @@ def test_a_cancel_before_the_conclusion_ends_the_calibration(api, context):
     ((job_id, queue, _),) = conclusions(context)
     assert queue == "report"
     assert engineer.post(f"/calibrations/{calibration}/cancel").status_code == 202
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     ended = engineer.get(f"/calibrations/{calibration}").json()
     assert (ended["state"], ended["summary"]) == ("cancelled", None)
     assert claim(context.database, job_id, "late") is None

@@ -8,7 +8,7 @@ from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
 from service.platform.db.jobs import Job
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.work import work
 from tests.workers.solver.few_pairs import drawn
@@ -74,7 +74,7 @@ def test_a_cancelled_calibration_ends_as_cancelled(api, context, engineer, rig):
         first = session.scalars(select(Job.id).order_by(Job.id)).first()
     run_job(context, first)
     engineer.post(f"/calibrations/{asked}/cancel")
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     work(context)
     ended = engineer.get(f"/calibrations/{asked}").json()
     assert ended["state"] == "cancelled", (ended["problem"], ended["runs"])

@@ -15,7 +15,7 @@ from sqlalchemy.exc import OperationalError
 from service.platform.db.connection import CONNECT_S, SILENCE_S
 from service.platform.db.migrate import upgrade
 from service.platform.db.session import Database
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.storage.store import Store
 from tests.support.folders import folder_store
 from tests.support.networks import Host, Network, network, why_not
@@ -58,7 +58,7 @@ class Sweeper(threading.Thread):
         database = Database(self._url)
         while not self.enough.wait(0.05):
             try:
-                sweep(database, self._store)
+                reap(database, self._store)
                 self.done += 1
             except OperationalError:
                 pass

@@ -4,7 +4,7 @@ from sqlalchemy import select
 
 from service.platform.db.jobs import Job
 from service.platform.db.session import Database
-from service.platform.jobs.sweep import LEASES
+from service.platform.jobs.reaper import LEASES
 
 
 def let_lease_expire(database: Database, job_id: int) -> None:

@@ -27,7 +27,7 @@ from service.platform.db.session import Database
 from service.platform.jobs.history import BUCKETS_S
 from service.platform.jobs.queue import answering_workers
 from service.platform.jobs.queues import QUEUES
-from service.platform.jobs.sweep import resent_after_s
+from service.platform.jobs.reaper import resent_after_s
 
 FRESH_S = 5.0
 # The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.

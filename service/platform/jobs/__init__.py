@@ -1,1 +1,1 @@
-"""The job table's protocol: enqueue, claim, renew, finish, sweep."""
+"""The job table's protocol: enqueue, claim, renew, finish, reap."""

@@ -100,7 +100,7 @@ def claim(database: Database, job_id: int, worker: str) -> Claim | None:
     """Take a job that was sent for one lease, or None: a twin message, a cancelled job, one in backoff, one done.
 
     While versions overlap there are jobs that only the newer workers know; an older one leaves them in the queue, and
-    the sweep sends them again until one who knows them looks.
+    the reaper sends them again until one who knows them looks.
     """
     names = [kind.name for kind in kinds()]
     bindings = {"job": job_id, "by": worker, "kinds": names, "lease_s": get_settings().lease_s}

@@ -58,7 +58,7 @@ class Kind:
     shown_by: InstrumentedAttribute[int | None] | None = None
     """The column in which subjects keep their job's id: such a job is not removed while its subject is there."""
     cancelled: Select[UUID] | None = None
-    """Subjects that were cancelled and have not ended. The sweep cancels jobs that they got after that."""
+    """Subjects that were cancelled and have not ended. The reaper cancels jobs that they got after that."""
     take: Callable[[Session, UUID, Any], object] | None = None
     """Goes on with what a worker hands over of a subject, in the transaction that ends its job as done."""
     forget: Callable[[Session, Collection[UUID]], None] | None = None

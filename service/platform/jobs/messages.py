@@ -40,7 +40,7 @@ def routes() -> dict[str, dict[str, str]]:
 
 
 class Sender:
-    """Sends messages; one that cannot be sent now is sent by the sweep later."""
+    """Sends messages; the reaper sends later what cannot be sent now."""
 
     def __init__(self, broker_url: str) -> None:
         self._broker_url = broker_url

@@ -154,7 +154,7 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
 
 
 def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
-    """Ask for the end of these subjects' jobs. Running ones look at it with each renewal; the sweep ends the rest."""
+    """Ask for the end of these subjects' jobs. Running ones see it at each renewal; the reaper ends the rest."""
     # Locked in one order, as by everybody who takes several.
     unended = (
         select(Job.id)

@@ -1,6 +1,6 @@
 """Compares the store with the table once a day: objects without a row, and rows without their object.
 
-The sweep removes by row and needs no listing. This finds what no row can tell of: bytes put at a presigned address
+The reaper removes by row and needs no listing. This finds what no row can tell of: bytes put at a presigned address
 after its reservation had gone, what a restored database does not know, and what somebody removed by hand.
 """
 

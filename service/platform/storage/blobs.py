@@ -59,7 +59,7 @@ def keep(session: Session, key: str, *, size: int, sha256: str | None = None) ->
 
 
 def condemn(session: Session, keys: Iterable[str]) -> None:
-    """Declare that nothing uses these objects any more; the sweep removes them."""
+    """Declare that nothing uses these objects any more; the reaper removes them."""
     session.execute(update(Blob).where(Blob.key.in_(list(keys))).values(state="condemned"))
 
 

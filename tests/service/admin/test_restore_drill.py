@@ -27,7 +27,7 @@ from service.platform.db.grants import OF_API
 from service.platform.db.migrate import make_roles, upgrade
 from service.platform.db.models import Base, Blob, Job
 from service.platform.db.session import Database
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.settings import Settings, get_settings
 from service.platform.storage.errors import StoreUnavailableError
 from service.platform.storage.store import Store, open_store
@@ -164,14 +164,14 @@ def test_what_was_published_marked_and_recorded_is_served_again_with_the_same_by
         if not disturbed:
             disturbed.append(line)
             assert site.engineer.delete(f"/recordings/{doomed}").status_code == 204
-            sweep(context.database, context.store)
+            reap(context.database, context.store)
             site.calibrate()
             work(context)
             site.upload(bag)
 
     manifest = back_up(context.database, context.store, tmp_path / "backup", report=while_it_runs)
     assert disturbed and manifest.blobs > 6
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     with context.database.reading() as session:
         assert session.scalar(select(func.count()).where(Blob.state == "condemned")) == 0, "the hold has ended"
     _wreck(context)
@@ -201,7 +201,7 @@ def _goes_on(api: Api, there: Settings, engineer: Actor, on_its_way: str, bag: P
     work(context)
     context.database.close()
     assert engineer.get(f"/recordings/{on_its_way}").json()["state"] == "ready"
-    sweep(api.database, open_store(there))
+    reap(api.database, open_store(there))
     with api.database.reading() as session:
         states = set(session.scalars(select(Job.state)))
     assert states == {"done"}

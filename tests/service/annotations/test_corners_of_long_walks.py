@@ -9,7 +9,7 @@ from service.platform.db.annotations import MarkingFrontier
 from service.platform.db.detections import Apex, Vertex, VertexFrame
 from service.platform.db.jobs import Job
 from service.platform.jobs.queue import retry
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.service.annotations.test_corners import ALL, choose, state_corners
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_marking
@@ -100,7 +100,7 @@ def test_a_failed_job_leaves_the_detection_done_and_is_started_again(api, seed, 
     with api.database.reading() as session:
         first = session.scalars(select(Job.id).where(Job.kind == "corners").order_by(Job.id)).first()
     lose_every_worker(api.database, first)
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     work(context)
     assert counts(api.database)["left"] == (7, 7, 7)
     told = engineer.get(f"/detections/{seed.detection_id}").json()

@@ -10,7 +10,7 @@ from service.calibration_runs.actions import count_down, end_run, start_iteratio
 from service.platform.db.models import Calibration, CalibrationRun, Fleet, Job
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.queue import cancel
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.service.platform.jobs.support import make_calibration
 from tests.support.folders import folder_store
 
@@ -99,7 +99,7 @@ def test_a_cancel_against_the_last_finish_leaves_nothing_waiting(database, tmp_p
         barrier.wait()
         _finish(database, last, run_id, held)
         canceller.join()
-        sweep(database, store)
+        reap(database, store)
         with database.reading() as session:
             assert session.get_one(Calibration, calibration_id).state == "cancelled"
             waiting = select(func.count()).select_from(Job).where(Job.subject_id == run_id, Job.finished_at.is_(None))

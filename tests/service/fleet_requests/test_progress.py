@@ -24,7 +24,7 @@ from service.platform.db.models import (
     Rig,
 )
 from service.platform.jobs.claims import claim, finishing
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.recordings.actions import delete_recording
 from service.recordings.retention import delete_old_imports
 from tests.service.platform.jobs.support import statements
@@ -62,7 +62,7 @@ def test_one_vehicle_may_fail_be_skipped_or_be_retried_and_the_rest_is_done(vans
     with context.database.writing() as session:
         session.execute(update(Job).where(Job.id == held.job_id).values(state="queued"))
     lose_every_worker(context.database, job_of(context, made["van 3"]))
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     seen = vans.read(asked)
     assert counts(seen) == {"matched": 6, "queued": 4, "failed": 1, "skipped": 1} and seen["state"] == "running"
     work(context)
@@ -93,7 +93,7 @@ def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(api, vans: Van
     with statements(api.database) as said:
         answer = vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel")
     assert answer.status_code == 202 and answer.json()["cancel_requested"]
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     assert counts(vans.read(asked)) == {"matched": 4, "running": 1, "done": 1, "cancelled": 2}
     with finishing(context.database, running, "cancelled"):
         pass
@@ -153,7 +153,7 @@ def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, cont
     vans.add("other")
     asked = vans.ask().json()
     lose_every_worker(context.database, job_of(context, van))
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
 
     def cancel() -> None:
         with context.database.writing() as session:
@@ -167,7 +167,7 @@ def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, cont
         cancelling.start()
         wait_until_one_waits(context.database)
     cancelling.join()
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     ended = vans.read(asked)
     assert (ended["state"], counts(ended)) == ("cancelled", {"matched": 2, "cancelled": 2})
 
@@ -179,7 +179,7 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
     vans.add("other")
     asked = vans.ask().json()
     lose_every_worker(context.database, job_of(context, van))
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     with context.database.writing() as session:
         rig = session.get_one(Rig, UUID(van["rig"]))
         of = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
@@ -213,7 +213,7 @@ def test_old_pairs_that_a_retry_calibrates_again_stay(vans: Vans, context, monke
     van = vans.add("van")
     asked = vans.ask().json()
     lose_every_worker(context.database, job_of(context, van))
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     with context.database.writing() as session:
         session.execute(update(Fleet).values(retention={"pairs": 30}))
         for table in (CorrespondenceSet, CalibrationRun):
@@ -258,8 +258,8 @@ def test_a_large_request_is_made_in_parts_between_which_others_write(api, vans: 
     second = vans.ask({"vehicle_ids": [v["vehicle_id"] for v in _items(vans, asked)]}).json()
     assert second["asked"]["vehicles"]["named"] == 7 and "vehicle_ids" not in second["asked"]["vehicles"]
     vans.engineer.post(f"/fleet-requests/{second['id']}/cancel")
-    sweep(context.database, context.store)
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
+    reap(context.database, context.store)
     ended = vans.read(second)
     assert (ended["state"], ended["counts"]["cancelled"], made()) == ("cancelled", 7, 8)
 

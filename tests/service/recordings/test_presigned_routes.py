@@ -12,7 +12,7 @@ from sqlalchemy import select, update
 from service.admin.backup import back_up
 from service.platform.db.clock import utc_now
 from service.platform.db.recordings import Blob, Recording, UploadPart
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.storage.audit import audit
 from service.platform.storage.store import Store
 from tests.service.recordings.test_routes import add_camera
@@ -76,7 +76,7 @@ def test_an_address_changes_nothing_that_is_acknowledged(api: Api, engineer, rec
     with api.database.reading() as session:
         part = session.scalars(select(UploadPart)).one()
     assert b"".join(store.stream(part.blob_key)) == PARTS[0]
-    sweep(api.database, store)
+    reap(api.database, store)
     assert [one.key for one in store.list()] == [part.blob_key] and blobs(api) == {"stored": 1}
     httpx.put(address["url"], content=b"later still").raise_for_status()
     assert arrive(engineer, recording, 1, address["reservation"]).json()["sha256"] == part.sha256
@@ -165,7 +165,7 @@ def test_more_than_was_announced_is_refused_and_removed(api: Api, engineer, flee
     httpx.put(address["url"], content=b"1" * 10**6).raise_for_status()
     large = arrive(engineer, recording, 1, address["reservation"])
     assert (large.status_code, large.json()["code"]) == (409, "part_size_differs")
-    sweep(api.database, api.app.state.store)
+    reap(api.database, api.app.state.store)
     assert list(api.app.state.store.list()) == [] and blobs(api) == {}
     put(engineer, recording, 1, b"1")
     assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == 1

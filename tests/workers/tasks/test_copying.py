@@ -12,7 +12,7 @@ from sqlalchemy import func, select
 from service.platform.db.models import Analysis, AnalysisFile, Blob
 from service.platform.db.recordings import CameraFrame
 from service.platform.db.recordings import Recording as Row
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import publish
 from tests.support.databases import one_database
@@ -108,7 +108,7 @@ def test_a_deleted_copy_and_a_deleted_recording_leave_nothing(api, engineer, rec
     assert taken(api, recorded) == (before - size, before - size)
     deleted = engineer.delete(f"/recordings/{recorded}")
     assert deleted.status_code == 204, deleted.text
-    sweep(api.database, context.store)
+    reap(api.database, context.store)
     with api.database.reading() as session:
         assert session.scalars(select(Blob)).all() == [] and session.scalars(select(Analysis)).all() == []
     assert second

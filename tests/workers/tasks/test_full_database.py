@@ -7,7 +7,7 @@ from sqlalchemy import event, func, select
 
 from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat, Job
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.service.platform.jobs.support import let_backoff_end, make_fleet, make_jobs
 from tests.support.leases import let_lease_expire
 from workers.tasks.running import WORK, run_job
@@ -37,9 +37,9 @@ def test_a_job_that_finds_no_room_for_its_end_is_done_later_and_once(context, da
         assert session.scalar(select(func.count()).select_from(Heartbeat)) == 0
     limit(2**30)
     let_lease_expire(database, job_id)
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     let_backoff_end(database)
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     run_job(context, job_id)
     with context.database.reading() as session:
         assert session.get_one(Job, job_id).state == "done"

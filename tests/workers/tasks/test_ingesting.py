@@ -23,7 +23,7 @@ from service.platform.db.models import (
 )
 from service.platform.jobs.claims import Lease, LostLeaseError, claim, finishing
 from service.platform.jobs.queue import cancel, enqueue
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.settings import Settings
 from service.recordings.actions import delete_recording
 from tests.service.detections.seeding import seed_recording, seed_rig
@@ -62,7 +62,7 @@ def test_a_frozen_worker_does_not_put_a_ready_recording_back(context, database):
         job_id = enqueue(session, kind="ingest", fleet_id=fleet_id, subject_id=recording_id).id
     frozen = claim(database, job_id, "frozen")
     let_lease_expire(database, job_id)
-    sweep(database, context.store)
+    reap(database, context.store)
     with finishing(database, claim(database, job_id, "second")):
         pass
     with pytest.raises(LostLeaseError), Lease(database, frozen) as lease:
@@ -167,7 +167,7 @@ def test_a_child_that_hangs_ends_with_its_job(context, database, tmp_path, monke
             time.sleep(0.02)
         if how == "lost":
             let_lease_expire(database, recording.job_id)
-            sweep(database, context.store)
+            reap(database, context.store)
         else:
             with database.writing() as session:
                 if how == "deleted":

@@ -13,7 +13,7 @@ from sqlalchemy.exc import OperationalError
 from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat, Job
 from service.platform.db.session import Database
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.service.platform.jobs.support import let_backoff_end, make_fleet, make_jobs
 from tests.support.leases import let_lease_expire
 from tests.support.postgres import Postgres
@@ -75,14 +75,14 @@ def test_a_job_goes_back_and_is_done_once_the_database_takes_writes(
             failover.enter_context(moments.pop())
         run_job(context, job_id, "solve")
         with pytest.raises(OperationalError, match="read-only"):
-            sweep(context.database, context.store)
+            reap(context.database, context.store)
     with database.reading() as session:
         job = session.get_one(Job, job_id)
         assert (job.state, job.problem) == ("running" if already_claimed else "queued", None)
     let_lease_expire(database, job_id)
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     let_backoff_end(database)
-    sweep(context.database, context.store)
+    reap(context.database, context.store)
     run_job(context, job_id)
     with database.reading() as session:
         assert (session.get_one(Job, job_id).state, session.get_one(Heartbeat, "row").name) == ("done", "row")

@@ -12,7 +12,7 @@ from sqlalchemy import select
 from service.calibrations.actions import ask_to_end
 from service.platform.db.models import Calibration, CalibrationRun, Job, JobEvent, Slot
 from service.platform.jobs.claims import claim
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from tests.faults.jobs import pairs
 from tests.service.platform.jobs.support import make_due
 from tests.support.asking import ask_calibration, bring_pairs
@@ -84,7 +84,7 @@ def test_a_cancel_ends_a_slot_that_runs(context, long_job):
 def test_a_lost_lease_ends_a_slot_that_runs_and_leaves_the_job_to_who_has_it(context, long_job):
     def lose() -> None:
         let_lease_expire(context.database, long_job)
-        sweep(context.database, context.store)
+        reap(context.database, context.store)
         make_due(context.database)
         assert claim(context.database, long_job, "another")
 

@@ -25,8 +25,8 @@ from service.platform.db.models import Detection, Person, Sensor, Vehicle
 from service.platform.db.session import Database
 from service.platform.http.pages import Window
 from service.platform.job_status.routes import get_jobs
+from service.platform.jobs.reaper import reap
 from service.platform.jobs.retention import forget_jobs
-from service.platform.jobs.sweep import sweep
 from service.platform.storage.store import Store
 from service.publications.camera_queries import published_cameras
 from service.publications.health_queries import fleet_health
@@ -43,7 +43,7 @@ _LONG_AGO = timedelta(days=3650)
 def periodic(database: Database, store: Store) -> dict[str, Asked]:
     """What nobody asks for: every two seconds and every ten minutes."""
     return {
-        "a sweep": lambda: sweep(database, store),
+        "a sweep": lambda: reap(database, store),
         "upkeep of recordings": lambda: delete_overdue(database),
         "upkeep of sign-ins": lambda: remove_ended(database),
         "upkeep of jobs": lambda: forget_jobs(database),

@@ -17,8 +17,8 @@ from service.platform.db.jobs import Heartbeat, Job, Worker
 from service.platform.db.recordings import Blob
 from service.platform.jobs.claims import claim, finishing, requeue_after_failure
 from service.platform.jobs.history import tally
+from service.platform.jobs.reaper import reap
 from service.platform.jobs.retention import forget_jobs
-from service.platform.jobs.sweep import sweep
 from tests.service.platform.jobs.support import let_backoff_end, make_calibration, make_fleet, make_jobs
 from tests.support.leases import let_lease_expire
 from tests.support.people import Api
@@ -67,7 +67,7 @@ def test_what_happened_to_jobs_is_counted(scraped: Api, always_fresh) -> None:
     with finishing(database, claim(database, first, "w")):  # pyright: ignore[reportArgumentType]
         pass
     let_lease_expire(database, second)
-    sweep(database, scraped.app.state.store)
+    reap(database, scraped.app.state.store)
     settle(scraped)
     with database.writing() as session:
         # Sent 95 s ago and three times since, after 10, 20 and 40 s. Of the others one is behind the window.

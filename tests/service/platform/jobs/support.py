@@ -14,7 +14,7 @@ from service.platform.db.models import Calibration, CalibrationRun, Corresponden
 from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Message
 from service.platform.jobs.queue import enqueue_all
-from service.platform.jobs.sweep import _end_backoff, _release_waiting
+from service.platform.jobs.reaper import _end_backoff, _release_waiting
 from tests.support.rows import add
 
 

@@ -11,7 +11,7 @@ from sqlalchemy import func, select, update
 from service.platform.db.models import Fleet, Job
 from service.platform.db.session import Database
 from service.platform.jobs.claims import claim, finish, give_back, requeue_after_failure
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.settings import get_settings
 from tests.support.leases import let_lease_expire
 
@@ -41,7 +41,7 @@ def test_jobs_in_backoff_do_not_fill_their_fleets_window(database, store):
     for held in claimed(database, stumbling):
         requeue_after_failure(database, held, {"code": "surroundings_failed"}, 60.0)
     assert postbox.ids == others
-    sweep(database, store)
+    reap(database, store)
     assert postbox.ids == others
 
 
@@ -80,7 +80,7 @@ def test_a_fleet_has_no_more_ingests_running_than_its_cap_and_another_fleet_is_s
     assert postbox.ids == mine[:2]
     held = claimed(database, postbox.ids)
     assert len(held) == 2
-    sweep(database, store)
+    reap(database, store)
     assert postbox.ids == mine[:2]
     (other,) = make_jobs(database, make_fleet(database, "other"), 1, kind="ingest")
     assert postbox.ids[2:] == [other] and claim(database, other, "w")
@@ -91,12 +91,12 @@ def test_a_fleet_has_no_more_ingests_running_than_its_cap_and_another_fleet_is_s
     assert postbox.ids[4:] == [mine[3]]
     third, fourth = claimed(database, mine[2:4])
     let_lease_expire(database, third.job_id)
-    sweep(database, store)
+    reap(database, store)
     # It was lost: the oldest goes first, which is itself.
     assert postbox.ids[5:] == [mine[2]]
     give_back(database, fourth)
     make_due(database)
-    sweep(database, store)
+    reap(database, store)
     assert postbox.ids[6:] == [mine[2], mine[3]]
     assert running(database) == 1
 
@@ -111,9 +111,9 @@ def test_a_fleet_whose_row_somebody_holds_keeps_no_other_fleets_work_waiting(set
     postbox = Postbox(impatient)
     with database.writing() as session:
         session.execute(select(Fleet.id).where(Fleet.id == fleets[0]).with_for_update()).all()
-        sweep(impatient, store)
+        reap(impatient, store)
         assert postbox.ids == [jobs[1]]
-    sweep(impatient, store)
+    reap(impatient, store)
     assert postbox.ids == [jobs[1], jobs[0]]
     impatient.close()
 
@@ -146,7 +146,7 @@ def test_a_cap_that_was_lowered_lets_nothing_out_until_there_is_room(database, s
     ids = make_jobs(database, fleet_id, 4, kind="ingest")
     first, second = claimed(database, ids[:2])
     monkeypatch.setattr(get_settings(), "fleet_ingests", 1)
-    sweep(database, store)
+    reap(database, store)
     finish(database, first)
     assert postbox.ids == ids[:2]
     finish(database, second)

@@ -8,7 +8,7 @@ from sqlalchemy import select
 from service.platform.db.models import Job, JobEvent
 from service.platform.jobs.claims import claim, finishing, give_back, requeue_after_failure
 from service.platform.jobs.queue import abandon
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.observability.request_ids import working_for
 from service.platform.storage.store import Store
 from tests.support.leases import let_lease_expire
@@ -31,7 +31,7 @@ def test_a_job_remembers_who_gave_it_back_who_lost_it_and_who_did_it(database, s
     let_backoff_end(database)
     assert claim(database, job_id, "dead")
     let_lease_expire(database, job_id)
-    sweep(database, Store(settings.blobs))
+    reap(database, Store(settings.blobs))
     with finishing(database, claim(database, job_id, "good")):
         pass
     give_back(database, drained)

@@ -12,7 +12,7 @@ from service.platform.db.jobs import Job
 from service.platform.jobs import losses
 from service.platform.jobs.claims import claim
 from service.platform.jobs.losses import LeaseWatch
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.settings import get_settings
 from service.platform.storage.store import Store
 from tests.support.databases import one_database
@@ -52,7 +52,7 @@ def test_a_step_of_the_databases_clock_ends_no_lease(database, settings, hours: 
     for _ in range(2):
         with database.writing() as session:
             session.execute(update(Job).values(lease_until=now(3600.0 * hours)))
-        sweep(database, Store(settings.blobs))
+        reap(database, Store(settings.blobs))
     assert job(database, job_id).state == "running"
 
 
@@ -63,5 +63,5 @@ def test_after_the_databases_clock_stepped_back_what_was_sent_is_sent_again(data
     for job_id, ahead_s in ((far, 3600.0), (near, 60.0)):
         with database.writing() as session:
             session.execute(update(Job).where(Job.id == job_id).values(sends=1, send_after=now(ahead_s)))
-    sweep(database, Store(settings.blobs))
+    reap(database, Store(settings.blobs))
     assert postbox.ids == [far]

@@ -13,10 +13,10 @@ from sqlalchemy.exc import OperationalError
 from service.platform.db.clock import now
 from service.platform.db.models import Blob, Calibration, CalibrationRun
 from service.platform.db.session import Database
-from service.platform.jobs import sweep as sweep_module
+from service.platform.jobs import reaper as reaper_module
 from service.platform.jobs.claims import claim
 from service.platform.jobs.queue import cancel
-from service.platform.jobs.sweep import sweep
+from service.platform.jobs.reaper import reap
 from service.platform.settings import get_settings
 from service.platform.storage.blobs import condemn, keep, reserve
 from service.platform.storage.store import MARKER
@@ -37,24 +37,24 @@ def lost_jobs(database, *jobs):
 def test_an_expired_lease_is_queued_and_sent_again_at_once(database, store):
     (job_id,) = lost_jobs(database)
     postbox = Postbox(database)
-    sweep(database, store)
+    reap(database, store)
     assert (job(database, job_id).state, job(database, job_id).lost) == ("queued", 1)
     assert postbox.ids == [job_id]
 
 
 def test_jobs_that_cannot_be_decided_keep_the_sweep_from_no_other(database, store, monkeypatch):
-    monkeypatch.setattr(sweep_module, "_BATCH", 2)
+    monkeypatch.setattr(reaper_module, "_BATCH", 2)
     *stuck, last = make_jobs(database, make_fleet(database), 4)
-    recover = sweep_module._recover
+    recover = reaper_module._recover
 
     def decide(session, row):
         if row.id in stuck:
             raise RuntimeError
         recover(session, row)
 
-    monkeypatch.setattr(sweep_module, "_recover", decide)
+    monkeypatch.setattr(reaper_module, "_recover", decide)
     lost_jobs(database, *stuck, last)
-    sweep(database, store)
+    reap(database, store)
     assert states(database) == ["running"] * 3 + ["queued"]
 
 
@@ -63,14 +63,14 @@ def test_a_step_that_fails_keeps_no_other_from_being_done(database, store, monke
         raise RuntimeError("this step")
 
     for name in ("_beat", "_spread_cancels", "tally", "_send_again"):
-        monkeypatch.setattr(sweep_module, name, fail)
+        monkeypatch.setattr(reaper_module, name, fail)
     (lost,) = lost_jobs(database)
     with database.writing() as session:
         condemned = reserve(session, "recordings/a")
         condemn(session, [condemned])
     store.put_bytes(condemned, b"x")
     with pytest.raises(RuntimeError, match="this step"):
-        sweep(database, store)
+        reap(database, store)
     assert job(database, lost).state == "queued"
     assert store.local_path(condemned) is None
 
@@ -78,26 +78,26 @@ def test_a_step_that_fails_keeps_no_other_from_being_done(database, store, monke
 def test_a_database_that_is_away_ends_the_sweep_at_once(store, tmp_path, monkeypatch):
     away = Database(f"sqlite:///{tmp_path / 'no such folder' / 'apexcal.db'}")
     tried = []
-    monkeypatch.setattr(sweep_module, "log", SimpleNamespace(exception=tried.append))
+    monkeypatch.setattr(reaper_module, "log", SimpleNamespace(exception=tried.append))
     with pytest.raises(OperationalError):
-        sweep(away, store)
+        reap(away, store)
     assert not tried
 
 
 def test_decisions_that_take_long_keep_the_sweep_no_longer_than_two_periods(database, store, monkeypatch):
     lost_jobs(database, *make_jobs(database, make_fleet(database), 4))
     clock = [0.0]
-    recover = sweep_module._recover
+    recover = reaper_module._recover
 
     def decide(session, row):
         clock[0] += 1.5 * get_settings().sweep_s
         recover(session, row)
 
-    monkeypatch.setattr(sweep_module, "_recover", decide)
-    monkeypatch.setattr(sweep_module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
-    sweep(database, store)
+    monkeypatch.setattr(reaper_module, "_recover", decide)
+    monkeypatch.setattr(reaper_module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    reap(database, store)
     assert states(database) == ["queued"] * 2 + ["running"] * 2
-    sweep(database, store)
+    reap(database, store)
     assert states(database) == ["queued"] * 4
 
 
@@ -106,7 +106,7 @@ def test_a_job_that_kills_every_worker_fails_with_its_reason_and_ends_its_parent
     (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)
     for _ in range(get_settings().max_lost_leases):
         lost_jobs(database, job_id)
-        sweep(database, store)
+        reap(database, store)
     row = job(database, job_id)
     assert row.state == "failed"
     assert row.problem["code"] == "worker_lost"
@@ -124,13 +124,13 @@ def test_what_was_never_claimed_is_sent_again_twice_as_late_each_time(database, 
         make_due(database)
         postbox = Postbox(database)
         before = _clock(database)
-        sweep(database, store)
+        reap(database, store)
         assert postbox.ids == [job_id]
         # The sweep looked at the clock somewhere in between.
         began = job(database, job_id).send_after - timedelta(seconds=longer * get_settings().resend_s)
         assert before <= began <= _clock(database)
     postbox = Postbox(database)
-    sweep(database, store)
+    reap(database, store)
     assert not postbox.sent
 
 
@@ -146,8 +146,8 @@ def test_a_cancel_ends_queued_jobs_and_their_parents_once(database, store):
         make_jobs(database, fleet_id, 2, run_id)
     with database.writing() as session:
         cancel(session, runs)
-    sweep(database, store)
-    sweep(database, store)
+    reap(database, store)
+    reap(database, store)
     assert states(database) == ["cancelled"] * 4
     with database.reading() as session:
         calibration = session.get_one(Calibration, calibration_id)
@@ -159,7 +159,7 @@ def test_a_job_inserted_behind_a_cancel_is_cancelled_too(database, store):
     with database.writing() as session:
         session.get_one(CalibrationRun, run_id).cancel_requested = True
     make_jobs(database, make_fleet(database, "other"), 1, run_id)
-    sweep(database, store)
+    reap(database, store)
     assert states(database) == ["cancelled"]
     with database.reading() as session:
         assert session.get_one(Calibration, calibration_id).state == "cancelled"
@@ -173,7 +173,7 @@ def test_two_sweeps_at_once_do_no_harm(database, store):
     with database.writing() as session:
         cancel(session, runs)
     with ThreadPoolExecutor(4) as pool:
-        for done in [pool.submit(sweep, database, store) for _ in range(4)]:
+        for done in [pool.submit(reap, database, store) for _ in range(4)]:
             done.result()
     with database.reading() as session:
         assert session.get_one(Calibration, calibration_id).remaining == 0
@@ -192,7 +192,7 @@ def test_blobs_whose_work_was_lost_are_removed_and_won_ones_stay(database, store
     for key in (gone, working, won):
         store.put_bytes(key, b"x")
     let_lease_expire(database, lost)
-    sweep(database, store)
+    reap(database, store)
     with database.reading() as session:
         assert set(session.scalars(select(Blob.key))) == {working, won}
     assert store.local_path(gone) is None
@@ -208,7 +208,7 @@ def test_an_object_that_cannot_be_removed_keeps_no_other_from_it(database, store
     # A folder of that name is no object, and no store removes it.
     (store.folder / stuck / "in the way").mkdir(parents=True)
     for _ in range(3):
-        sweep(database, store)
+        reap(database, store)
     assert not any(store.local_path(key) for key in others)
     with database.reading() as session:
         (left,) = session.scalars(select(Blob)).all()
@@ -218,13 +218,13 @@ def test_an_object_that_cannot_be_removed_keeps_no_other_from_it(database, store
     # Its turn comes again, each time later; then it goes.
     for failures in (2, 3):
         let_removals_be_due(database)
-        sweep(database, store)
+        reap(database, store)
         with database.reading() as session:
             assert session.get_one(Blob, stuck).failed_removals == failures
     (store.folder / stuck / "in the way").rmdir()
     (store.folder / stuck).rmdir()
     let_removals_be_due(database)
-    sweep(database, store)
+    reap(database, store)
     with database.reading() as session:
         assert session.scalars(select(Blob)).all() == []
 
@@ -238,13 +238,13 @@ def test_a_store_that_is_away_is_asked_for_three_objects_and_no_more(database, s
     with database.writing() as session:
         condemn(session, [reserve(session, "recordings/a") for _ in range(20)])
     (store.folder / MARKER).unlink()
-    sweep(database, store)
+    reap(database, store)
     with database.reading() as session:
         tried = [blob.failed_removals for blob in session.scalars(select(Blob))]
     assert (len(tried), sum(tried)) == (20, 3)
     store.prepare()
     let_removals_be_due(database)
-    sweep(database, store)
+    reap(database, store)
     with database.reading() as session:
         assert session.scalars(select(Blob)).all() == []
 
@@ -259,6 +259,6 @@ def test_a_job_whose_parent_is_gone_ends_and_keeps_nobody_waiting(database, stor
         cancel(session, [run_id])
     make_due(database)
     postbox = Postbox(database)
-    sweep(database, store)
+    reap(database, store)
     assert job(database, orphan).state == "cancelled"
     assert postbox.ids == [innocent]

@@ -1,6 +1,6 @@
-"""The only recovery: what was lost, never sent, cancelled or left over is found here, every two seconds.
+"""The reaper: every two seconds it recovers jobs that were lost, never sent or cancelled, and removes leftovers.
 
-Two sweeps at once do no harm: each row is decided by one UPDATE that looks at its state again.
+Nothing else recovers work. Two reapers at once do no harm: each row is decided by one UPDATE that checks its state.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _MOST_RESENDS = 2**5
 LEASES = LeaseWatch()
 
 
-def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda: None) -> None:
-    """One pass over everything that may need help. A step that fails keeps none of the others from being done.
+def reap(database: Database, store: Store, gets_on: Callable[[], None] = lambda: None) -> None:
+    """Make one pass over everything that may need recovery. A step that fails does not stop the others.
 
     ``gets_on`` is called before each step. Raises the first failure once all have been tried; at once where the
     database is away, as none of them can work.
@@ -78,7 +78,7 @@ def _write(database: Database, step: Callable[[Session], None]) -> None:
 
 
 def _beat(session: Session) -> None:
-    """Note that the sweep runs."""
+    """Write the reaper's heartbeat."""
     put(session, Heartbeat, {"name": "sweep"}, {"at": now()})
 
 
@@ -103,7 +103,7 @@ def _spread_cancels(session: Session) -> None:
 def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
     """Decide every matching job, oldest first, in a transaction of its own: its row locked and looked at again.
 
-    Stops when the next sweep is due twice over, so that thousands of cancelled jobs keep nobody from the others.
+    Stops when the next pass is due twice over, so that thousands of cancelled jobs do not delay the other steps.
     """
     end = time.monotonic() + 2 * get_settings().sweep_s
     last = 0
@@ -130,7 +130,7 @@ def _decide(
             if job:
                 decide(session, job)
     except Exception:
-        # One job that cannot be decided must not keep the sweep from all the others.
+        # One job that cannot be decided must not keep the reaper from all the others.
         log.exception("the sweep could not decide job %d", job_id)
 
 
