@@ -54,13 +54,13 @@ export class AnswersUnderWay {
     const last = this.pairs.at(-1);
     const answer = last?.answer ?? (reloaded ? this.all.at(-1) : undefined);
     if (!answer || !(await outbox.drop(answer.order))) return null;
-    this.pairs = this.pairs.filter((one) => one.answer.order !== answer.order);
+    this.pairs = this.pairs.filter((pair) => pair.answer.order !== answer.order);
     return { answer, task: last?.task ?? null };
   }
 
   /** Those that have left the outbox since the last call, in their order. */
   left(): readonly KeptAnswer[] {
-    const left = this.pairs.filter((one) => !outbox.find(one.answer.order));
+    const left = this.pairs.filter((pair) => !outbox.find(pair.answer.order));
     // An answer may be sent again in place of another version.
     this.pairs = this.pairs.flatMap((one) => {
       const answer = outbox.find(one.answer.order);

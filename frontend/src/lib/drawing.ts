@@ -53,8 +53,8 @@ const SMALLEST_M = 0.1;
 export function drawingOf(region: Region, plane: Plane, reach: Extent): Drawing {
   const parts = [...drawnParts(region, "all", plane, reach), ...drawnParts(region, "none", plane, reach)];
   // Later ones lie over earlier ones, so a corner is taken before the middle under it.
-  const handles = parts.flatMap((one) => one.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
-  return { outlines: parts.flatMap((one) => one.outlines), handles };
+  const handles = parts.flatMap((part) => part.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
+  return { outlines: parts.flatMap((part) => part.outlines), handles };
 }
 
 const RANKS: Record<Handle["kind"], number> = { middle: 0, new: 1, turn: 2, edge: 3, corner: 4 };

@@ -13,7 +13,7 @@ export class ExpectedCorners {
   /** Without an answer frames are shown as they come, and nothing is asked. */
   async read(detectionId: string, camera: string): Promise<void> {
     const corners = await cache.query(annotations.expectedCorners(detectionId, camera)).catch(() => []);
-    this.#corners = Object.fromEntries(corners.map((one) => [one.vertex_id, one]));
+    this.#corners = Object.fromEntries(corners.map((corner) => [corner.vertex_id, corner]));
   }
 
   /** Null where nothing says it. */

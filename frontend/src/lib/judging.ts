@@ -95,7 +95,7 @@ export function nextOf(judged: readonly Judged[], { verdict, reason }: Omit<Kind
 
 /** The place of the number that is nearest to one in a list; 0 in an empty one. */
 export function nearestTo(numbers: readonly number[], wanted: number): number {
-  const away = numbers.map((one) => Math.abs(one - wanted));
+  const away = numbers.map((number) => Math.abs(number - wanted));
   return Math.max(0, away.indexOf(Math.min(...away)));
 }
 
@@ -176,7 +176,7 @@ export function board(vertex: VertexView, colour: string): Lines | null {
   if (corners.length === 0) return null;
   const known = new Map<string, Place>([["top", vertex], ...corners.map((one): [string, Place] => [one.corner, one])]);
   const around = ["top", "right", "bottom", "left", "top"].map((name) => known.get(name));
-  const ends = corners.flatMap((one) => [...cross(one, colour).ends]);
+  const ends = corners.flatMap((corner) => [...cross(corner, colour).ends]);
   for (const [place, from] of around.slice(0, -1).entries()) {
     const to = around[place + 1];
     if (from && to) ends.push(from.x, from.y, from.z, to.x, to.y, to.z);

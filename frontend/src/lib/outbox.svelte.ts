@@ -42,20 +42,20 @@ class Outbox {
 
   /** The signed-in person's answers that the service has not yet looked at. */
   get unsent(): readonly KeptAnswer[] {
-    return this.answers.filter((one) => one.person === session.me?.id && !one.refused);
+    return this.answers.filter((answer) => answer.person === session.me?.id && !answer.refused);
   }
 
   /** Those that it did not take. */
   get refused(): readonly KeptAnswer[] {
-    return this.answers.filter((one) => one.person === session.me?.id && one.refused);
+    return this.answers.filter((answer) => answer.person === session.me?.id && answer.refused);
   }
 
   get ofOthers(): readonly KeptAnswer[] {
-    return this.answers.filter((one) => one.person !== session.me?.id);
+    return this.answers.filter((answer) => answer.person !== session.me?.id);
   }
 
   find(order: number): KeptAnswer | undefined {
-    return this.answers.find((one) => one.order === order);
+    return this.answers.find((answer) => answer.order === order);
   }
 
   /** Whether its person took this answer out in this tab. */

@@ -23,10 +23,10 @@ export class Strip {
     if (!context) return;
     const { x, y, side } = loupeSource(mark, STRIP_SIDE, MAGNIFICATION);
     context.drawImage(image, x, y, side, side, 0, 0, picture.width, picture.height);
-    this.items = [...this.items.filter((one) => one.taskId !== taskId), { taskId, picture }].slice(-MOST);
+    this.items = [...this.items.filter((item) => item.taskId !== taskId), { taskId, picture }].slice(-MOST);
   }
 
   remove(taskId: string): void {
-    this.items = this.items.filter((one) => one.taskId !== taskId);
+    this.items = this.items.filter((item) => item.taskId !== taskId);
   }
 }

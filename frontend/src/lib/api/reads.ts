@@ -66,7 +66,7 @@ export function readAll<P extends Listing>(
 function keyOf(address: string, path: object | undefined, query: object): readonly unknown[] {
   const given = new Map<string, unknown>(Object.entries(path ?? {}));
   const segments = address.split("/").slice(2);
-  const named = segments.map((one) => (one.startsWith("{") ? given.get(one.slice(1, -1)) : one));
+  const named = segments.map((segment) => (segment.startsWith("{") ? given.get(segment.slice(1, -1)) : segment));
   return Object.keys(query).length > 0 ? [...named, query] : named;
 }
 
