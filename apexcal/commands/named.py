@@ -23,7 +23,7 @@ _MADE_BY_RIG = "apexcal rig rig.json --fleet F --vehicle V"
 
 
 class _Resource(NamedTuple):
-    """How things of a kind are named: by which option, what tells those of one name apart, what makes the first."""
+    """How commands name things of one kind: the option, what distinguishes equal names, what makes the first."""
 
     option: str
     label: Callable[[Client, Any], str] = lambda client, thing: str(thing.id)
@@ -52,7 +52,7 @@ _WHERE_IDS_ARE = {
 def pick(client: Client, things: Iterable[Named], what: str, name: str) -> Named:
     """The thing with this id or name; without one, the only thing there is. Raises :class:`ClientError`.
 
-    Where the command should have named one of several it was called wrongly, and ends as such.
+    If there are several and none is named, the command ends as called wrongly.
     """
     things = list(things)
     if name == LAST and things:

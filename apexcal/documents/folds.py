@@ -26,7 +26,7 @@ class FoldCut(NamedTuple):
 def most_folds(different: int, pairs: int) -> int:
     """The largest number of folds for pairs with so many different values.
 
-    A fold of single frames needs at least two of them. Otherwise a frame is held out beside its neighbours.
+    A fold of single frames needs at least two of them: one frame alone would be held out beside fitted neighbours.
     """
     return different // 2 if different == pairs else different
 
@@ -70,7 +70,8 @@ def _cut(sizes: Sequence[int], count: int, smallest: int) -> list[int]:
 def _take_turns(sizes: Sequence[int], count: int) -> list[int]:
     """The fold of each block. Neighbours go to different folds, the largest to the fold with the fewest pairs.
 
-    If all are equal, the order shifts from round to round. Otherwise a walk in as many lanes gives each fold a lane.
+    If all blocks are equal, the order shifts from round to round: without that, a walk with as many lanes as folds
+    would give each fold a lane of its own.
     """
     shift = 2 if count > 3 else count - 2
     pairs_of_fold = [0] * count

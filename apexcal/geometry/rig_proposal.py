@@ -186,7 +186,7 @@ def _of_trees(
     joint: str | None,
     notes: list[str],
 ) -> tuple[_Mount | None, str | None]:
-    """Return where the first tree has the camera that leads to it, noted, and what is to be asked about it."""
+    """Return the camera's pose in the first tree that holds it, with notes, and the questions that remain."""
     why = ""
     for label, tree in trees.items():
         try:

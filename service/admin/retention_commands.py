@@ -107,7 +107,7 @@ def set_layers(
 @retention.command("run")
 @spoken
 def run() -> None:
-    """Delete now what is overdue, as the service does every ten minutes. The sweep removes the bytes later."""
+    """Delete now what is overdue, as the service does every ten minutes. The reaper removes the bytes later."""
     with opened() as service:
         recordings = delete_overdue(service.database)
         layers = remove_old_layers(service.database)

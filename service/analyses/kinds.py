@@ -62,7 +62,7 @@ def _copy(access: Access, request: CopyRequest) -> Analysis:
 def _report(access: Access, request: ReportRequest) -> Analysis:
     """A report of a fit to all pairs. Raises :class:`Problem` as `_of_result` does."""
     row, result = _of_result(access, request.result_id, "reviewer")
-    # What only the database tells now; checks of the fit and its calibration are read when the report is made.
+    # Only what the database holds now; checks of the fit and its calibration are read when the report is made.
     now = moment_checks(access.session, result).checks
     row.asked = {"checks": [check.model_dump(mode="json") for check in now]}
     return row
@@ -93,7 +93,7 @@ def _of_result(access: Access, result_id: UUID, role: Role) -> tuple[Analysis, R
 
 
 def _shown(*names: str) -> Callable[[Analysis], Json]:
-    """These members of what was asked."""
+    """Return these members of the request."""
     return lambda row: {name: row.asked[name] for name in names if name in row.asked}
 
 
@@ -131,7 +131,7 @@ def plan_of(access: Access, request: AnalysisRequest) -> Analysis:
 
 
 def view_of(row: Analysis, job: Job | None, *, with_pairs: bool = False) -> AnyAnalysis:
-    """An analysis with its job, and with what it says of single pairs."""
+    """Return an analysis with its job, and with its figures of single pairs if ``with_pairs``."""
     kind = _KINDS[row.kind]
     members: Json = {name: getattr(row, name) for name in _COMMON} | {"result": row.result}
     if with_pairs and row.result is not None:

@@ -60,7 +60,7 @@ class ResolvedTemplate:
 
     @property
     def named(self) -> set[str]:
-        """Parameters of which the request itself says something."""
+        """Parameters that the request itself bounds, locks or gives a prior."""
         return {*self.bounds, *self.locked, *self.priors}
 
 
@@ -79,7 +79,7 @@ class ResolvedCamera:
         return self.camera.name
 
     def notes(self, template: ResolvedTemplate) -> list[str]:
-        """What its set says of itself, what of the rig's bounds is of no use, and what became of its lens."""
+        """Notes for people: on its set, on bounds of the rig that were not used, and on its lens."""
         parameters = {name for form in EXTRINSICS for name in all_names(MODELS, form)}
         unused = [name for name in self.camera.bounds if bare_name(name) not in parameters]
         notes = [f"{self.name}: {note}" for note in self.pairs.notes]
@@ -172,7 +172,7 @@ def _fit(
 ) -> FitRequest:
     """The request with only the parameters that this model has.
 
-    What the template says of a parameter goes before what is known of the lens; the rig's bounds go before its
+    The template's statements about a parameter go before the known lens; the rig's bounds go before the lens's
     bounds. Skew is 0 unless anyone names it. Table I of the paper leaves it open.
     """
     body, named = template.request, template.named

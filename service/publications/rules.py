@@ -14,7 +14,7 @@ from service.publications.actions import Grounds
 from service.publications.check_queries import checks_now
 from service.publications.queries import newest_publications, was_published
 
-# A list of them is one page. People have two or three.
+# Most aliases of a camera: a list of them is one page, and people use two or three.
 _MOST_ALIASES = 100
 
 

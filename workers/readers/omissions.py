@@ -44,7 +44,7 @@ _OTHER: Final = ("messages", "cannot be used", "cannot be used")
 
 @dataclass(slots=True)
 class _Tally:
-    """Messages of one topic and reason; of a topic that no sensor is read from, of how many."""
+    """Messages left out of one topic for one reason. ``total``: messages looked at, on a topic without a sensor."""
 
     error: MessageError
     count: int = 0
@@ -81,7 +81,7 @@ class Omissions:
             error: what is wrong with the first of them.
             stamp_ns: of the message, where it has one.
             count: how many.
-            total: of how many that were looked at, on a topic that no sensor is read from.
+            total: messages that were looked at, on a topic that no sensor is read from.
             everything: how many messages that topic has.
         """
         tally = self._tallies.setdefault((topic, error.code), _Tally(error))
@@ -99,7 +99,7 @@ class Omissions:
             self.add(topic, error, stamp_ns)
 
     def update(self, other: Omissions, names: Mapping[str, str] | None = None) -> None:
-        """Add those of a part; ``names``: what its topics are called here."""
+        """Add the omissions of a part; ``names``: from its topics to this recording's."""
         for (topic, code), tally in other._tallies.items():
             name = names.get(topic, topic) if names else topic
             self.add(name, tally.error, count=tally.count, total=tally.total, everything=tally.everything)

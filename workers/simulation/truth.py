@@ -21,8 +21,8 @@ def truth_document(rig: SimulatedRig) -> dict[str, Any]:
     ``cameras``: by name ``transform`` (T_camera_lidar), ``intrinsics`` and ``frames``, which hold ``stamp_ns`` as the
     recording has it; ``time_ns``, when the frame was taken by the LiDAR's clock; ``apex_xyz``, the board's apex at
     that moment, metres, LiDAR frame; ``apex_uv``, its pixel ((0, 0) is the centre of the top-left one);
-    ``apex_in_image``. The first camera's stand at the top too.
-    Of rectified images transform and intrinsics are theirs: a pinhole, turned.
+    ``apex_in_image``. The members of the first camera stand at the top level, too.
+    If images are rectified, transform and intrinsics are those of the rectified camera: a turned pinhole.
     ``clock``: ``offset_ns``, the cameras' clock minus the LiDAR's; ``jitter_ns``, the standard
     deviation of a frame's stamp.
     ``sweeps``: ``stamp_ns``; ``apex_xyz`` at the stamp; ``scan_ns``, when the turning sensor looked at the

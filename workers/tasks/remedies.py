@@ -179,7 +179,7 @@ def _fits(document: Json, columns: Json, state: State, stop: Stop, whole: FitRes
         try:
             folds[fold] = solved(read_run(folded, fold, columns, stop), state)
         except (SolveError, DocumentError):
-            continue  # What a part leaves open says nothing.
+            continue  # A fit that leaves parameters open cannot be compared.
     return Fits(whole, folds)
 
 
@@ -191,7 +191,7 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
         return RemedyTrial(check=remedy.check, outcome="unknown", sentence=f"{remedy.words} no fit succeeds: {error}")
     candidates = {"before": candidate_of(*before), "after": candidate_of(*after)}
     if remedy.check == "wrong_pairs":
-        # Whitened errors are those of fits without wrong pairs already.
+        # Whitened errors come from fits that left out wrong pairs already.
         candidates = {name: _as_fitted(each) for name, each in candidates.items()}
     width, height = whole.intrinsics.image_size
     choice = choose(candidates, float(width * height)) if all(each.heldout for each in candidates.values()) else None
@@ -229,7 +229,7 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
 
 
 def _as_fitted(candidate: Candidate) -> Candidate:
-    """The same, compared by plain errors of the fits as they are."""
+    """Return the candidate with plain errors (px) in place of whitened ones, wrong pairs included."""
     heldout = candidate.heldout
     if heldout is None:
         return candidate

@@ -22,11 +22,11 @@ from workers.validation.calibration import KnownCalibration
 Floats = NDArray[np.float64]
 _chi2_tail: Callable[[float, float], float] = special.chdtrc
 
-# As many points are looked at for each pixel, the nearest in the image: the cone holds fewer.
+# Points that are looked at for each pixel, the nearest in the image; the cone holds fewer.
 _NEAREST: Final = 1000
 # A plane has three parameters, and a fourth point is the first that can contradict it.
 _FEWEST: Final = 4
-# Sound planes that are called none: one in a thousand.
+# Share of sound planes that are rejected: one in a thousand.
 _FALSE_ALARM: Final = 1e-3
 # Radians of tilt, one deviation, up to which first order holds: sin(x) is x to 1 %.
 _TILT_RAD: Final = 0.24

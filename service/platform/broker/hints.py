@@ -55,7 +55,7 @@ class Publisher:
     """The courier of hints: ``database.couriers[COURIER] = Publisher(settings.events)``."""
 
     def __init__(self, url: str) -> None:
-        import redis  # not by those who only know the channels
+        import redis  # imported late: processes that only need the channels' names load no broker client
 
         self._lost = redis.RedisError
         self._client: Any = redis.Redis.from_url(url, socket_timeout=1, socket_connect_timeout=0.5)

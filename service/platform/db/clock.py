@@ -1,7 +1,7 @@
 """Time stamps of rows, and the database's own clock.
 
-Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job. The order
-of rows in time uses it too, and what expires. PostgreSQL gives microseconds, SQLite milliseconds.
+Leases, expiry and the order of rows in time go by the database's clock alone, so workers whose clocks differ agree on
+who holds a job. PostgreSQL gives microseconds, SQLite milliseconds.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class FleetRequestVehicle(Row):
     """A vehicle of a fleet request: queued until its calibration ends, then done, failed or cancelled; or skipped.
 
     A queued one without a calibration is due: the upkeep makes it.
-    That a queued one is being worked on is told by its jobs, not by this row. Ids sort by the vehicles' names.
+    Whether a queued one is being worked on shows in its jobs, not in this row. Ids sort by the vehicles' names.
     """
 
     __table_args__ = (

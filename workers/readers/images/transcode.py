@@ -106,7 +106,7 @@ def raw_to_png(raw: RawImage, stamp_ns: int, where: str) -> Frame:
     the board's edge would be ours, not the camera's.
 
     Args:
-        raw: its data may be longer than its rows; of planes of YUV they have half as many rows again.
+        raw: its data may be longer than its rows. YUV planes have half as many rows again below the first plane.
         stamp_ns: of the frame.
         where: names the image in error messages.
 
@@ -189,7 +189,7 @@ def png_frame(image: Pixels, stamp_ns: int, where: str, sentence: str | None = N
 
 
 def _stretched(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """8 bits of what a frame of colours really holds: 12-bit cameras fill a small part of 16 bits."""
+    """Return a colour frame scaled to 8 bits by its own range: 12-bit cameras fill a small part of 16 bits."""
     low, high = spanned(image[..., :3])
     levels = np.clip((np.arange(65536) - low) * (255 / (high - low)), 0, 255)
     table: NDArray[np.uint8] = np.rint(levels).astype(np.uint8)

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import select
 
 from service.platform.db.recordings import UploadPart
-from service.platform.storage import room
+from service.platform.storage import disk_reservations
 from service.platform.storage.store import Store
 from tests.support.databases import one_database
 from tests.support.people import Api
@@ -72,7 +72,7 @@ def test_a_part_ends_where_another_fills_the_disk_meanwhile(served, engineer, re
 
 def test_parts_that_trickle_take_no_room_and_must_find_it_where_they_hurry(api: Api, monkeypatch) -> None:
     """Together they announced three times the disk."""
-    monkeypatch.setattr(room, "_FIRST_S", 0.0)
+    monkeypatch.setattr(disk_reservations, "_FIRST_S", 0.0)
 
     async def in_one_piece(size: int) -> AsyncIterator[bytes]:
         yield b"x" * size
