@@ -18,7 +18,7 @@ from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
-# No pull takes so long; what is older was left by one that was killed.
+# Longer than any pull takes; older files were left by a pull that was killed.
 _LEFT_BEHIND_S = 3600.0
 
 

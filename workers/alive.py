@@ -49,7 +49,7 @@ def install(app: Celery) -> None:
 
 @contextlib.contextmanager
 def meanwhile(step: Callable[[], object], every_s: float) -> Iterator[None]:
-    """Take a step at once, and from a thread every so many seconds until the block ends. Nothing is forked in it."""
+    """Take a step at once, and then from a thread at this period until the block ends. Nothing is forked in it."""
     ended = threading.Event()
 
     def repeat() -> None:

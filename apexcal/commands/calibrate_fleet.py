@@ -170,7 +170,7 @@ def _check_of(outcome: CameraOutcome) -> str:
 
 
 def _some(names: Sequence[str], count: int) -> str:
-    """The first names of so many."""
+    """Return the first names, and how many more there are."""
     shown = names[:3]
     return ", ".join(shown) + (f" and {_count(count - len(shown), 'other')}" if count > len(shown) else "")
 

@@ -13,7 +13,7 @@ from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.camera_models import MODELS
 from apexcal.documents.detections import DetectionView
 
-# An offset within so many of its standard deviations is no reason to move anything.
+# Standard deviations within which an offset is no reason to move anything.
 _CERTAIN = 2.0
 # What `apexcal detect` takes where --max-gap-ms is not given.
 _MAX_GAP_NS = 50_000_000

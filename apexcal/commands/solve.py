@@ -49,7 +49,7 @@ from apexcal.embedded.serving import serving
 from apexcal.errors import ApiError
 from apexcal.rigs import read_rig
 
-# The check `pairs` passes with so many pairs in six places: 2 x 33 pixels leave the 16 parameters of the largest lens
+# Pairs, in six places, with which the check `pairs` passes: 2 x 33 pixels leave the 16 parameters of the largest lens
 # model and its mount 50 degrees of freedom (`workers/judge/pair_checks.py`).
 _SUFFICIENT = 33
 _POLL_S = 2.0

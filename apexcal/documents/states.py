@@ -29,7 +29,7 @@ class RecordingState(StrEnum):
 
 
 class RequestState(StrEnum):
-    """Of a fleet request."""
+    """States of a fleet request."""
 
     RUNNING = "running"
     DONE = "done"

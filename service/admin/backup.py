@@ -35,7 +35,7 @@ from service.platform.storage.errors import MissingBlobError, StoreUnavailableEr
 from service.platform.storage.store import Store
 
 _COPIES_AT_ONCE = 4
-# So many unreadable objects in a row are no bad sectors: the store is away, and a backup of the rest is none.
+# Unreadable objects in a row that mean that the store is away, and not bad sectors: the backup is given up.
 _AWAY = 8
 
 Report = Callable[[str], None]

@@ -30,7 +30,7 @@ from service.recordings.queries import find_camera
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
 _MARK_US = 2500.0
-# An offset within so many of its standard deviations is no reason to move anything.
+# Standard deviations within which an offset is no reason to move anything.
 _CERTAIN = 2.0
 
 

@@ -1,4 +1,4 @@
-"""Who has answered a vertex, derived from the marks and verdicts that stand, not from tasks.
+"""The people who have answered a vertex, derived from the marks and verdicts that stand, not from tasks.
 
 A person has answered a vertex for a camera when their verdict on its apex exists and, where that verdict is
 ``confirmed``, their mark in the paired frame too: one by hand, or the machine's that they confirmed. So answers

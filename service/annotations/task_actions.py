@@ -25,9 +25,9 @@ from service.platform.db.recordings import Sensor
 from service.platform.db.session import upserting
 from service.platform.http.problems import not_found
 
-# Those ahead run out a little earlier, one after the other: whoever holds several gets them in the same order again.
+# Leases ahead run out a little earlier, one after the other, so their holder gets them in the same order again.
 _APART = timedelta(seconds=0.5)
-# So many ahead bridge a slow network. More are for a person without one, and are given where others have enough.
+# Tasks ahead that bridge a slow network. More are for a person without a network, if others have enough.
 _FEW = 5
 
 

@@ -132,7 +132,7 @@ def _seen(*, wait: bool) -> Select[Any, Any]:
 
 def _locking(rows: Any, *, wait: bool) -> Any:
     rows = rows.where(Vertex.id.not_in(bindparam("tried", expanding=True)))
-    # Of a number that it does not know, PostgreSQL expects a tenth of all rows, and sorts them first.
+    # For a LIMIT that is a parameter PostgreSQL expects a tenth of all rows, and sorts them first.
     rows = rows.limit(bindparam("count", type_=Integer(), literal_execute=True))
     return rows.join(Apex, Apex.id == Vertex.apex_id).with_for_update(key_share=True, of=Apex, skip_locked=not wait)
 
@@ -171,7 +171,7 @@ def _first_not_closed() -> Select[int]:
 
 
 def _paired(*columns: Any) -> Select[*tuple[Any, ...]]:
-    """Of the vertices that are to be marked in the camera."""
+    """Return the condition of vertices that are to be marked in the camera."""
     is_paired = and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == _CAMERA)
     rows = select(*columns).select_from(Vertex).join(VertexFrame, is_paired)
     return rows.where(

@@ -84,7 +84,7 @@ def _check_retried_alone(session: Session, calibration_id: UUID) -> None:
 
 
 def _reopen(session: Session, calibration_id: UUID, runs: int) -> None:
-    """Take back the end of a calibration that waits for so many more runs."""
+    """Take back the end of a calibration that waits for ``runs`` more runs."""
     reopened = session.execute(
         update(Calibration)
         .where(Calibration.id == calibration_id, Calibration.state != WorkState.CANCELLED)

@@ -28,9 +28,9 @@ from service.platform.db.annotations import CropPage
 from service.platform.db.base import Json
 from service.platform.db.recordings import Sensor
 
-# The mean of so many differences is known to 0.45 of one difference's deviation, 1 / sqrt(5).
+# Differences whose mean is known to 0.45 of one difference's deviation, 1 / sqrt(5).
 LEAST_BLIND = 5
-# Errors of two Gaussian coordinates are longer than so many deviations once in a thousand.
+# Deviations that errors of two Gaussian coordinates exceed once in a thousand.
 _ONCE_IN_A_THOUSAND = math.sqrt(-2.0 * math.log(1e-3))
 # Nobody's marks are assumed to be better, pixels.
 _LEAST_SIGMA_PX = 1.0
@@ -158,7 +158,7 @@ def _saying(by: dict[UUID, bool], side: bool) -> set[UUID]:
 
 
 def blind_opinions(opinions: list[Opinion]) -> list[Opinion]:
-    """Those with a mark by hand whose person knew nothing of others'."""
+    """Return the vertices marked by hand by a person who knew nothing of others' marks."""
     by_hand = [opinion for opinion in opinions if opinion.verdict == "confirmed" and not opinion.machine]
     return [opinion for opinion in by_hand if opinion.mark and not opinion.reviewed]
 

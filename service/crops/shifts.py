@@ -15,8 +15,8 @@ from uuid import UUID
 
 from apexcal.documents.crops import CROPS_PER_PAGE, LEAST_SHIFT_PX, LEAST_SHIFTED, MOST_SHIFT_SHARE
 
-_MORE_SHIFTED: Final = 4  # so many numbers are alike likely: whoever has seen three cannot stop looking
-MOST_MISSED: Final = 2  # a page on which so many were missed is asked again
+_MORE_SHIFTED: Final = 4  # the number is uniform over these: after three a person still cannot stop looking
+MOST_MISSED: Final = 2  # a page with so many missed shifts is shown again
 _TRIES: Final = 64  # of the lengths and both turns, where the frame's edge is near
 
 

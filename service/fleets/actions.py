@@ -16,7 +16,7 @@ from service.platform.db.fleets import Rig, RigCamera, RigLidar, Vehicle
 def empty_rig(session: Session, vehicle: Vehicle, name: str) -> Rig:
     """Add a rig without cameras, which its first recording describes. A name that is taken gets a number."""
     taken = set(session.scalars(select(Rig.name).where(Rig.vehicle_id == vehicle.id)))
-    # As many numbers as names: one of them is free.
+    # One more number than names: one of them is free.
     numbered = (f"{name[:190]} {number}" for number in range(2, len(taken) + 3))
     free = name if name not in taken else next(each for each in numbered if each not in taken)
     ids = {"id": new_id(), "fleet_id": vehicle.fleet_id, "vehicle_id": vehicle.id}

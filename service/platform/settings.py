@@ -97,7 +97,7 @@ class Settings(BaseSettings):
     sweep_s: float = 2.0
     """Period of the reaper."""
     stalled_s: float = Field(default=180.0, gt=0)
-    """A sweeper ends, to be started again, after so long without progress."""
+    """Time without progress after which a sweeper ends, to be started again."""
     max_lost_leases: int = 5
     """A job that loses this many leases fails."""
     max_stumbles: int = 30
@@ -113,7 +113,7 @@ class Settings(BaseSettings):
     """What a fleet's recordings may take where `apexcal admin quota` says nothing else: a hundred recordings of a
     gigabyte, each as it came and as it is read."""
     upload_hours: float = Field(default=24.0, gt=0)
-    """An upload that got no part for so long is removed."""
+    """Time without a part after which an upload is removed."""
     fleet_ingests: int = Field(default=1, ge=1)
     """Recordings of one fleet read at once; fewer than processes on `ingest` leave room to others."""
     part_bytes: int = 16 * MIB
@@ -133,11 +133,11 @@ class Settings(BaseSettings):
     ingest_wall_s_per_mib: float = Field(default=10.0, ge=0)
     """Further seconds for each MiB of it; never past four fifths of task_limit_s."""
     ingest_silence_s: float = Field(default=60.0, gt=0)
-    """Such a process is ended after so long without progress."""
+    """Time without progress after which such a process is ended."""
     ingest_output_ratio: float = Field(default=20.0, gt=0)
     """Bytes it may write for each byte uploaded."""
     ingest_video_ratio: float = Field(default=300.0, gt=0)
-    """The same where it decodes video."""
+    """The same while it decodes video."""
     ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0)
     """Bytes it may write in any case."""
 

@@ -23,7 +23,7 @@ PUBLISHED_LOOKS = "It was recommended, and the publication policy publishes resu
 
 
 class Grounds(NamedTuple):
-    """Who moves an alias and why. ``overridden`` has the sentences of the checks that the result does not pass."""
+    """The person who moves an alias, and why. ``overridden``: sentences of checks that the result does not pass."""
 
     person_id: UUID | None
     reason: str | None

@@ -65,7 +65,7 @@ def published_cameras(session: Session, vehicle: Vehicle, selection: Selection) 
         check_sensors(session, vehicle, selection.mounted)
     newest = [PublishedCamera(*row) for row in session.execute(_newest(vehicle.id, selection))]
     if not selection.cameras and any(row.publication.result_id is None for row in newest):
-        # Who asks for the vehicle is told of what it carries now.
+        # A request for the vehicle is answered by what it carries now.
         mounted = mounted_cameras(session, vehicle.id, selection.as_of)
         newest = [row for row in newest if row.publication.result_id is not None or row.camera in mounted]
     led_nowhere = [(row.publication, row.published_by) for row in newest if row.publication.result_id is None]
@@ -83,7 +83,7 @@ def published_cameras(session: Session, vehicle: Vehicle, selection: Selection) 
 
 
 def published_exports(session: Session, vehicle: Vehicle, selection: Selection) -> Calibrated:
-    """The same as exports read it. Raises :class:`Problem` also 409 ``conflict`` where it is deleted meanwhile."""
+    """Return the calibration as exports read it. Raises :class:`Problem`, also 409 ``conflict``."""
     results = [row.result.id for row in published_cameras(session, vehicle, selection).values()]
     calibrated = of_results(session, results)
     if len(calibrated.cameras) < len(results):

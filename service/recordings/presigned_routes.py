@@ -100,7 +100,7 @@ async def _copy(store: Store, put: str, key: str, announced: Announced) -> None:
 
 
 def _through_api(database: Database, identity: Identity, recording_id: UUID, number: int) -> Problem:
-    """What whoever may upload this recording is told where parts go the other way."""
+    """Return the problem for an uploader whose parts must go the other way."""
     with database.reading() as session:
         Access(session, identity).find(Recording, recording_id, "engineer")
     return conflict(

@@ -71,7 +71,7 @@ def _remove_layers(database: Database, recording_id: UUID) -> bool:
 
 
 def _fleets(session: Session) -> Sequence[UUID]:
-    """Fleets of which something goes."""
+    """Return the fleets with something to remove."""
     return session.scalars(select(Fleet.id).where(Fleet.retention.is_not(None))).all()
 
 
@@ -92,7 +92,7 @@ def _old_layers(session: Session, fleet_id: UUID, *which: ColumnElement[bool]) -
 
 
 def _with_layer(fleet_id: UUID, count: int, days: float) -> Select[UUID]:
-    """Recordings that have had this layer for so many days, and whose jobs have ended."""
+    """Return recordings that have had this layer for at least these days, and whose jobs have ended."""
     of_detection = select(Detection.id).where(Detection.recording_id == Recording.id)
     of_analysis = select(Analysis.id).where(Analysis.recording_id == Recording.id)
     working = [

@@ -24,7 +24,7 @@ class SweepsFile:
 
 
 class SweepIndexes:
-    """Those of the last recordings that were looked at stay in memory, 6 MB at most."""
+    """Indexes of the recordings used last stay in memory, 6 MB at most."""
 
     def __init__(self, store: Store) -> None:
         self._store = store

@@ -65,7 +65,7 @@ class Effect(NamedTuple):
 
 
 class PointsOfUse:
-    """Those points, by which causes of errors are weighed."""
+    """Return the points of use, by which causes of errors are weighed."""
 
     def __init__(self, estimate: Estimate) -> None:
         self.problem, self.by_parameters, self._back = derivatives_along(estimate, marked_rays(estimate))

@@ -29,11 +29,12 @@ _NOISE: Final = CheckTopic("noise", "Noise of the marks")
 _SLIPS: Final = 0.02
 # Half of the share at which any fit may follow the wrong pairs (Hampel's breakdown point, one half).
 _MOST_WRONG: Final = 0.25
-# The noise is known to a tenth by so many degrees of freedom, 1 / (2 * 0.1^2) (JCGM 100:2008, equation E.7).
+# Degrees of freedom by which the noise is known to a tenth, 1 / (2 * 0.1^2) (JCGM 100:2008, equation E.7).
 _LEAST_FREEDOM: Final = 50.0
 # Places of the board farther apart than this are different ones: a board's corners lie within it.
 _APART_M: Final = 1.5
-# What one place shares is known to a third by so many places (the same equation: 1 / (2 (1/3)^2) = 4.5 freedoms).
+# Places by which the error that one place shares is known to a third (the same equation: 1 / (2 (1/3)^2) = 4.5
+# freedoms).
 _LEAST_PLACES: Final = 6
 _OF_MOUNT: Final = 6  # the first parameters; what is free behind them is the lens
 # A stated error of three times the use limit is accepted over half of the image: road users are about the horizon,

@@ -26,7 +26,7 @@ from workers.geometry.projection import NO_RAY_PX, project, unproject
 _normal: Callable[[NDArray[np.float64]], NDArray[np.float64]] = special.ndtr
 _SIGMAS95: Final = 1.959963984540054
 _HALVINGS: Final = 50
-# A difference of so many stated deviations is more than a result's own noise.
+# Stated deviations beyond which a difference is more than a result's own noise.
 _SURPRISE: Final = 2.0
 
 

@@ -150,7 +150,7 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
 
 
 def _best_clouds(clouds: Sequence[Sensor]) -> list[Sensor]:
-    """Those that come straight from a driver: with rings, then by their names, then, of one sensor, with times."""
+    """Return topics that come straight from a driver: with rings, then by name, then, for one sensor, with times."""
     ringed = [s for s in clouds if "ring" in meanings(_fields(s))] or list(clouds)
     primary_topics = primary(ringed)
     if len({(s.frame_id, s.count) for s in primary_topics}) == 1 and primary_topics[0].frame_id:

@@ -37,7 +37,7 @@ from service.platform.observability.logs import say_who
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
 
-# A body may come slowly after its credentials: they are checked again after so many seconds.
+# Seconds after which credentials are checked again, because a body may come slowly after them.
 FRESH_S = 1.0
 
 # For more fleets the rows are sorted together, because the statement would get too long.
@@ -218,7 +218,7 @@ class Access:
 
 
 async def identified(request: Request) -> Identity:
-    """Who sends this request, looked up once for all who ask. It waits for no lock and behind nobody who does.
+    """Return the identity of the caller, looked up once a request. It waits for no lock.
 
     Raises :class:`Problem` 401 ``not_signed_in``.
     """
@@ -241,7 +241,7 @@ async def identified(request: Request) -> Identity:
 
 
 def renewed(session: Session, identity: Identity) -> Identity | None:
-    """Who the same credential identifies now; None where it has ended."""
+    """Return the identity of the same credential now; None if it has ended."""
     try:
         return _look_up(session, identity.credential, is_token=identity.token is not None)
     except Problem:

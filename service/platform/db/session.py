@@ -29,7 +29,7 @@ from service.platform.db.effects import watch
 
 _WRITES = "apexcal_writes"
 _ALONE = "apexcal_alone"
-# A pooled connection that was used within so many seconds is taken to work still.
+# Seconds since its last use within which a pooled connection is taken to work still.
 _FRESH_S = 1.0
 _LEFT = "apexcal_left"
 _OUTBOX = "apexcal_outbox"

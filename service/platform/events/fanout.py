@@ -26,7 +26,7 @@ from service.platform.http.problems import Problem
 STREAMS_OF_A_PERSON = 12
 # Half of the connections that a process takes by itself.
 STREAMS_OF_A_PROCESS = 500
-# Somebody who is removed from a fleet, signed out, or given another role hears nothing more after so long.
+# After this long, a person who was removed, signed out or given another role hears nothing more.
 CHECK_S = 1.0
 _TICK_S = 0.25
 # Answers on one detection are told of so far apart.

@@ -37,7 +37,7 @@ class Follower:
         self._put_only(None)
 
     async def hints(self, seconds: float, pause_s: float) -> AsyncIterator[Hint | None]:
-        """Hints as they come, and None after each pause without one; until the end or for so many seconds."""
+        """Yield hints as they come, and None after each pause without one, for at most this many seconds."""
         clock = asyncio.get_running_loop().time
         end = clock() + seconds
         while clock() < end:

@@ -24,7 +24,7 @@ router = Router(tags=["events"])
 
 # Then the browser connects anew, perhaps to another process.
 _LONGEST_S = 600.0
-# A stream that made room for a newer one comes back after so long, else it would push that one out at once.
+# Delay after which a displaced stream reconnects; at once it would displace the newer one.
 _COMES_BACK_MS = 30_000
 # As the standard recommends: proxies end connections on which nothing passes.
 _PING_S = 15.0

@@ -16,7 +16,7 @@ from typing import Any
 # Nobody waits longer for a part that hangs.
 PATIENCE_S = 2.0
 FRESH_S = 1.0
-# Who starts a service asks until all parts work.
+# Whoever starts a service polls until all parts work.
 AGAIN_S = 0.25
 
 Answer = dict[str, Any]

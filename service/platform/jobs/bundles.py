@@ -38,7 +38,7 @@ class RunCost(NamedTuple):
 
 
 def run_cost(model: ModelName, pairs: int, schedule: Schedule) -> RunCost:
-    """What fitting a model to so many pairs costs, under a schedule."""
+    """Return the cost of fitting a model to ``pairs`` pairs under a schedule."""
     cost = CAMERA_MODELS[model].cost
     individual_ns = cost.individual_ns + cost.pair_ns * pairs
     slot_s = 1e-3 * SLOT_MS + 1e-9 * schedule.population * schedule.generations * individual_ns
@@ -47,7 +47,7 @@ def run_cost(model: ModelName, pairs: int, schedule: Schedule) -> RunCost:
 
 
 def comparison_s(cameras: int, pairs: int) -> float:
-    """Seconds of holding every two cameras against each other, each with at most so many pairs."""
+    """Return the seconds that comparing every two cameras takes, each with at most ``pairs`` pairs."""
     return 1e-6 * SHARED_PAIR_US * pairs * cameras * (cameras - 1) / 2
 
 
@@ -58,7 +58,7 @@ TRIP_MS = 6.0
 TRIPS_PER_BUNDLE = 10
 # Other fleets wait for a bundle, and it is lost with its worker. Trips cost a thousandth of it.
 BUNDLE_S = 5.0
-# The same for a whole run in one job, with all its iterations. Most runs end after a third of them.
+# Return the cost of a whole run in one job, with all its iterations. Most runs end after a third of them.
 RUN_S = 60.0
 # Rows that one transaction inserts: half a second on a busy machine, in which SQLite lets nobody else write.
 RUN_SLOTS = 2000

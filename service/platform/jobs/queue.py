@@ -123,7 +123,7 @@ def enqueue_all(
 def enqueue_each(
     session: Session, *, kind: str, fleet_id: UUID, work: Iterable[tuple[UUID, dict[str, Any]]]
 ) -> list[Job]:
-    """The same for several subjects, each with its payload."""
+    """Queue jobs of several subjects, each with its payload."""
     queue = kind_of(kind).queue
     jobs = [
         Job(kind=kind, queue=queue, fleet_id=fleet_id, subject_id=subject_id, payload=payload)

@@ -15,7 +15,7 @@ from service.platform.jobs.kinds import kinds
 from service.platform.settings import get_settings
 
 _BATCH = 1000
-# A worker that has been silent for so long is not coming back under its name.
+# Silence after which a worker is taken not to come back under its name.
 _GONE = timedelta(hours=1)
 
 

@@ -39,7 +39,7 @@ PIECE = 2 * MIB
 # Memory for one object on its way up: this many chunks at once. S3 takes 10,000 chunks of one object: 80 GiB.
 _CHUNK = 8 * MIB
 _CHUNKS_AT_ONCE = 4
-# So many removals that fail one after the other are a store that is away.
+# Removals failing in a row that mean that the store is away.
 _AWAY = 3
 
 log = logging.getLogger(__name__)
@@ -145,7 +145,7 @@ class Store:
         return _whole(key, data, length)
 
     async def read_all(self, key: str, start: int = 0, length: int | None = None) -> AsyncIterator[bytes]:
-        """An object's bytes, or so many of them from ``start``, :data:`PIECE` at a time."""
+        """Yield an object's bytes, or ``length`` of them from ``start``, :data:`PIECE` at a time."""
         end = start + (1 if length is None else length)
         while start < end:
             stop = start + PIECE if length is None else min(start + PIECE, end)
