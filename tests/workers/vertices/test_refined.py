@@ -72,7 +72,7 @@ def test_a_shard_gives_what_the_whole_gives(whole):
     own = range(60, 120)
     part = detected(recorded, indices=own, margin=3)
     assert part.vertices == [vertex for vertex in found.vertices if vertex.sweep_index in own]
-    assert part.refused == {index: reason for index, reason in found.reject.items() if index in own}
+    assert part.refused == {index: reason for index, reason in found.refused.items() if index in own}
     beside = [vertex for vertex in found.vertices if vertex.sweep_index in (57, 58, 59, 120, 121, 122)]
     assert list(part.context) == beside
 
