@@ -66,7 +66,7 @@ class Retrieval:
             return Response(status_code=304, headers=_headers(etag))
         response = _made(session, vehicle, selection, format_name)
         if selection.as_of is not None:
-            # Rows of before decide it too, and their results may be deleted.
+            # Earlier publications also matter, and their results may be gone.
             etag = _etag(vehicle.id, selection, format_name, sha256(bytes(response.body)).hexdigest())
         if names(request.headers.get("if-none-match"), etag):
             return Response(status_code=304, headers=_headers(etag))

@@ -81,16 +81,16 @@ class _TriedMount:
 
     @property
     def confirmed(self) -> int:
-        """In how many sights a corner was measured where the mount sees it."""
+        """Return the number of sights in which a corner was measured where the mount projects it."""
         return sum(score < _OFF_MOUNT for score in self.scores)
 
     def support(self, scatter: float = 1.0) -> float:
-        """The same, each sight by how well its mark agrees, if scores scatter so (MSAC: Torr and Zisserman 2000)."""
+        """Return the support: sights weighted by agreement, for this scatter (MSAC: Torr and Zisserman 2000)."""
         limit = scatter * _OFF_MOUNT
         return sum(1.0 - (score / limit) ** 2 for score in self.scores if score < limit)
 
     def is_rivalled_by(self, other: _TriedMount) -> bool:
-        """Whether the other explains as many sights as an accident does not, as sharply as this mount does."""
+        """Return whether the other mount has enough support, at this mount's scatter, to be a real rival."""
         scatter = min(1.0, _scatter(self.scores))
         return other.support(scatter) >= RIVAL_SHARE * self.support(scatter)
 

@@ -30,7 +30,7 @@ _SCALE_FLOOR_PX: Final = 0.1
 _SCALE_ROUNDS: Final = 8
 _ENDS: Final = 1e-12
 _ON_THE_WAY: Final = 1e-5
-"""Relative gains of a step after which a descent ends, at a minimum or where another goes on from its end."""
+"""Tolerances, as relative gains of a step: of the final descent, and of a descent that another one continues."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def _robust(problem: FitProblem, p: Floats) -> _End:
     # From a far start the scale begins wide, and so sees every pair. That loses a good start where half of the pairs
     # are wrong: so where the median did not come down, also straight on at the saturation, and the lower end counts.
     wide, most = _median_scale(problem, p), problem.saturation_px
-    end = _follow_scale(problem, _narrowed(problem, _descend_twice(problem, p, wide)))
+    end = _follow_scale(problem, _graduate(problem, _descend_twice(problem, p, wide)))
     if wide <= most or _median_scale(problem, end.p) <= most:
         return end
     near = _follow_scale(problem, _descend_twice(problem, p, most))
@@ -208,9 +208,11 @@ def _robust(problem: FitProblem, p: Floats) -> _End:
     return min((near, end), key=lambda robust: cost_of(problem, robust.p, scale))
 
 
-def _narrowed(problem: FitProblem, end: _End) -> _End:
-    # Graduated non-convexity (Blake and Zisserman 1987): where the median does not take the scale below the
-    # saturation, it goes there by halves, each descent from the last one's end.
+def _graduate(problem: FitProblem, end: _End) -> _End:
+    """Return the end of graduated non-convexity (Blake and Zisserman 1987).
+
+    If the median leaves the scale above the saturation, the scale is halved, each descent from the last one's end.
+    """
     most = problem.saturation_px
     while (scale := end.scale_px or inf) > most and _median_scale(problem, end.p) > most:
         end = _descend(problem, end.p, max(most, 0.5 * scale))
