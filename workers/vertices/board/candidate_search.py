@@ -131,15 +131,8 @@ def _candidate_on_rings(
     off = (_OFF * model.sigma, _PULSE_M)
     missed = np.nonzero((window.distance > 0.0) & (ratio < 1.0 / CONFIDENT) & _may_be_board(left, up, hit_at, model))
     near = np.nonzero((ratio > CONFIDENT) & _may_be_board(left, up, hit_at, model))
-    rays = EdgeRays(
-        left=left[at],
-        up=up[at],
-        reach=reach,
-        ratio=ratio[at],
-        is_below=up[at] < level,
-        is_mixed=mixed_rays(*image, w, *off, *at),
-        has_return=window.distance[at] > 0.0,
-    )
+    is_mixed, has_return = mixed_rays(*image, w, *off, *at), window.distance[at] > 0.0
+    rays = EdgeRays(left[at], up[at], reach, ratio[at], up[at] < level, is_mixed, has_return)
     returns = PlaneReturns(
         hits=hit_at,
         misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed).astype(np.float64)]),
@@ -263,15 +256,8 @@ def _scattered_candidate(
     def is_mixed(points: NDArray[np.int64]) -> Mask:
         return mixed_rays(*image, w, _OFF * model.sigma, _PULSE_M, row[points], points)
 
-    rays = EdgeRays(
-        left=left[at],
-        up=up[at],
-        reach=reach,
-        ratio=ratio[at],
-        is_below=up[at] < np.median(up[cluster]),
-        is_mixed=is_mixed(at),
-        has_return=np.ones(at.size, np.bool_),
-    )
+    is_below, has_return = up[at] < np.median(up[cluster]), np.ones(at.size, np.bool_)
+    rays = EdgeRays(left[at], up[at], reach, ratio[at], is_below, is_mixed(at), has_return)
     returns = PlaneReturns(
         hits=hit_at,
         misses=np.stack([left[missed], up[missed], is_mixed(missed).astype(np.float64)]),
