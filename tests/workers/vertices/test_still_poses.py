@@ -65,7 +65,7 @@ def test_walls_and_furniture_in_a_region_by_hand_cost_no_board():
     region = around("room", recording)
     background = find_poses(recording.source, region, stated=True)
     inside = region.mask(recording.sweeps[0].xyz)
-    left = background.before(recording.sweeps[0], inside)
+    left = background.foreground(recording.sweeps[0], inside)
     assert np.count_nonzero(inside) > 3 * np.count_nonzero(left)
     found = detected(recording, region, size(recording))
     assert len(found.vertices) == 8
