@@ -51,7 +51,9 @@ def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> Kno
         (width, height), (own_width, own_height) = size, lens.size
         raise refused(
             f"The lens of {camera} is for {own_width} x {own_height} pixels, but the images have {width} x {height}.",
-            "Scale K, or calibrate at this size.",
+            "Scale K, or calibrate at this size."
+            if lens.size != size[::-1]
+            else "Exchange width and height in the file if K is of these images; else calibrate at this size.",
         )
     return KnownLens(model, lens.K, D, *(lens.size or size or (0, 0)))
 

@@ -267,6 +267,11 @@ def test_opencv_in_json_and_without_a_size():
     assert "says no image size" in refusal(text)
 
 
+def test_a_lens_for_another_image_size():
+    assert "Scale K" in refusal(CAMERA_CALIBRATION, image_size=(1280, 960))
+    assert "Exchange width and height" in refusal(CAMERA_CALIBRATION, image_size=(480, 640))
+
+
 @pytest.mark.parametrize(
     ("change", "doubt"),
     [
