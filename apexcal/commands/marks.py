@@ -51,6 +51,8 @@ def _sentence(facts: MarksFacts, camera: str) -> str:
     others = "".join(f"\n  {count}: {reason.replace('_', ' ')}" for reason, count in facts.reasons.items())
     sigma = f", with standard deviations about {facts.sigma_px:.2f} px" if facts.sigma_px else ""
     marked = f"The machine marked {facts.marked} of {facts.corners} corners in camera {camera}{sigma}.{others}"
+    if facts.warning:
+        marked = f"{marked}\n{facts.warning}"
     if facts.clock_offset_ms is None:
         return marked
     ms = f"{facts.clock_offset_ms:.0f}"

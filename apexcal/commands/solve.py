@@ -38,7 +38,7 @@ from apexcal.commands.recordings import (
 from apexcal.commands.rig import add_rig
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_text
-from apexcal.commands.terminal import WITHHELD, check_target, complain, note, usage
+from apexcal.commands.terminal import WITHHELD, check_target, complain, note
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.corners import CORNERS
 from apexcal.documents.crops import LEAST_MARKS
@@ -92,7 +92,7 @@ def solve(
     Args:
         recording: File or folder that `apexcal upload` takes.
         board: Size of the board in metres, as 0.61x0.91.
-        corner: Which corner of the board is looked for: see `apexcal detect`. People mark an upper corner.
+        corner: Which corner of the board is looked for: see `apexcal detect`.
         description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
         machine_marks: The machine marks and nobody looks. With --board and few poses it marks all four corners.
         yes: Do not ask whether to use the clock offset that the times of recording tell.
@@ -101,8 +101,6 @@ def solve(
     """
     check_target(output, force)
     detect.board_options(board, corner)
-    if machine_marks and corner != "tip":
-        usage(f"the machine does not mark a board's {corner} corner", "Leave --machine-marks out: people mark it")
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings, accept=accept)
     if description:
         document = read_rig(description)
@@ -136,6 +134,8 @@ def solve(
         of_machine = _step(marks_of(session, detected, name, again=asks_all))["analysis"].result
         if not machine_marks:
             _people_mark(session, detection, name, is_own=bool(link))
+        elif of_machine.warning:
+            complain("the machine's marks contradict the rig's mount", of_machine.warning)
         elif not of_machine.marked:
             complain("the machine marked nothing, so there is nothing to calibrate from", " ".join(left))
         terms = {"detection": detection, "machine_marks": machine_marks, "lock": lock}

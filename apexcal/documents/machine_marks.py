@@ -35,6 +35,7 @@ class MarksFacts(Document):
     """How many corners there are and how many ``marked``, ``reasons`` of the others, and the median deviation.
 
     ``clock_offset_ms``: the camera's clock minus the LiDAR's, where a walk's marks tell another than the pairing's.
+    ``warning``: how the marks contradict the rig's mount, if no calibration about that finds theirs.
     """
 
     corners: int
@@ -43,6 +44,7 @@ class MarksFacts(Document):
     refusal: str | None
     sigma_px: float | None
     clock_offset_ms: float | None = None
+    warning: str | None = None
 
 
 class MarksView(AnalysisView):

@@ -23,6 +23,7 @@ class Draw:
         sharpening: amount of an unsharp mask. rim_m: a lit or dark rim outside of one upper edge, in half of the
             frames. blunt_m: what is cut off the tip along both edges. `draw` leaves these three at 0 (see `CELLS`).
         clock_ms: how far the camera's clock is ahead of the one by which frames were paired.
+        upper_corner: which corner ``top`` is where the board's edges are level but for the roll; 0: a corner is up.
     """
 
     seed: int
@@ -48,6 +49,7 @@ class Draw:
     rim_m: float = 0.0
     blunt_m: float = 0.0
     clock_ms: float = 0.0
+    upper_corner: int = 0
 
 
 CELLS: Final[dict[str, dict[str, float]]] = {
@@ -56,6 +58,8 @@ CELLS: Final[dict[str, dict[str, float]]] = {
     "rims": {"rim_m": 0.01},
     "blunt": {"blunt_m": 0.01},
     "all three": {"sharpening": 1.0, "rim_m": 0.01, "blunt_m": 0.01},
+    "upper left": {"upper_corner": 1},
+    "upper right": {"upper_corner": -1},
 }
 """As crops of `vlp16-diamond-board` show them, poses from 0. Sharpening: undershoots of 15 to 25 % on both sides of
 edges in poses 2, 3, 11, 14. Rims: a strip of 3 to 6 px, a centimetre, along the upper left edge in poses 4, 5, 10,

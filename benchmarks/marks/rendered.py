@@ -66,9 +66,17 @@ def run_drawn(drawn: Draw) -> SceneOutcome | None:
     frames: list[Image] = [scene[index] for index in range(len(scene))]
     asked: tuple[CornerName, ...] = CORNERS if drawn.size_stated else ("top",)
     start = time.process_time()
-    found = propose(frames, scene.sights, drawn.size, lens=scene.lens, model=drawn.model, corners=asked)
+    found = propose(
+        frames,
+        scene.sights,
+        drawn.size,
+        lens=scene.lens,
+        model=drawn.model,
+        corners=asked,
+        upper_corner=drawn.upper_corner,
+    )
     seconds = (time.process_time() - start) / len(frames)
-    counts = {name: CornerCounts() for name in asked}
+    counts: dict[CornerName, CornerCounts] = {name: CornerCounts() for name in asked}
     for index, answers in enumerate(found.answers):
         for name in asked:
             if not scene.visible(index, name):

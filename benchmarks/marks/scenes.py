@@ -48,7 +48,7 @@ class Scene:
             plan="yard",
             disturbances=Disturbances(head_above_m=drawn.head_above_m, second_person=drawn.second),
             hold=BoardHold(
-                rolled_deg=float(random.uniform(-12.0, 12.0)),
+                rolled_deg=45.0 * drawn.upper_corner + float(random.uniform(-12.0, 12.0)),
                 tilted_deg=float(np.clip(random.normal(0.0, 6.0), -15.0, 15.0)),
             ),
             board_m=drawn.board_m,

@@ -27,7 +27,7 @@ def main() -> None:
     for name in LENS_OF:
         if not (DATA / name).exists():
             print(f"{name} is absent: it is looked for in ../shared/data")
-    print("infrared-level-board: not run, because the machine marks no board with level edges", flush=True)
+    print("infrared-level-board: not run, because of its four poses the machine marks none", flush=True)
     parts = os.environ.get("ONLY", "").split(",")
     chosen = [case for case in cases() if any(part in case.title for part in parts)]
     with TemporaryDirectory() as scratch, serving(Path(scratch) / "data") as service:

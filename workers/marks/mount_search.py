@@ -22,6 +22,8 @@ from workers.marks.sights import Floats, Lens, MountedLens
 _binomial_beyond: Callable[[int, int, float], float] = special.bdtrc
 INLIER_PX: Final = 15.0
 LEAST_PAIRS: Final = 8
+LEAST_WITH_LENS: Final = 6
+"""Three pairs determine a mount, and the edges of five confirm it: one of six may show nothing."""
 LEAST_SHARE: Final = 0.4
 RIVAL_SHARE: Final = 0.5
 """Of the best mount's size, from which on a second one is no accident."""
@@ -83,12 +85,14 @@ def search_mounts(
     """The best two mounts, the second from the seeds that the first does not explain; the larger first.
 
     With a lens from samples of four by SQPnP, without one from the model's linear camera. A mount counts if it
-    explains `LEAST_PAIRS` slots in `LEAST_SHARE` of the sights that have any, and if chance would not.
+    explains `LEAST_PAIRS` slots (of fewer sights, with a lens, `LEAST_WITH_LENS`) in `LEAST_SHARE` of the sights that
+    have any, and if chance would not.
     """
     mounts: list[MountCandidate] = []
-    left = pairs
+    few = lens is not None and len(np.unique(pairs.sight)) < LEAST_PAIRS
+    left, fewest = pairs, LEAST_WITH_LENS if few else LEAST_PAIRS
     for _ in range(2):
-        least = LEAST_PAIRS if not mounts else max(LEAST_PAIRS, int(RIVAL_SHARE * mounts[0].size))
+        least = fewest if not mounts else max(fewest, int(RIVAL_SHARE * mounts[0].size))
         best = _best(left, lens, model, size, least)
         if best is None:
             break
@@ -102,7 +106,7 @@ def _best(
 ) -> MountCandidate | None:
     random = np.random.Generator(np.random.Philox(key=len(pairs.points)))
     sample = _SAMPLE if lens is not None else PROJECTIONS[model].linear_start.minimal
-    if len(pairs.points) < max(LEAST_PAIRS, sample + 1):
+    if len(pairs.points) < max(least, sample + 1):
         return None
     best: MountCandidate | None = None
     drawn, needed = 0, _samples_for(pairs, least, sample)
@@ -116,7 +120,7 @@ def _best(
                 best = _refitted(pairs, judged, lens, model, size)
         if best is not None:
             needed = _samples_for(pairs, best.size, sample)
-    return best if best is not None and _holds(pairs, best, sample, drawn) else None
+    return best if best is not None and _holds(pairs, best, sample, drawn, least) else None
 
 
 def _samples_for(pairs: SeedPairs, agreeing: int, sample: int) -> int:
@@ -232,15 +236,16 @@ def _refitted(
     return candidate
 
 
-def _holds(pairs: SeedPairs, candidate: MountCandidate, sample: int, drawn: int) -> bool:
+def _holds(pairs: SeedPairs, candidate: MountCandidate, sample: int, drawn: int, least: int) -> bool:
     """Whether the consensus is large enough, among all slots or the tips alone, and larger than chance makes one."""
     return any(
-        _beats_chance(pairs, candidate, family, sample, drawn) for family in (np.ones_like(pairs.tip), pairs.tip)
+        _beats_chance(pairs, candidate, family, sample, drawn, least)
+        for family in (np.ones_like(pairs.tip), pairs.tip)
     )
 
 
 def _beats_chance(
-    pairs: SeedPairs, candidate: MountCandidate, family: NDArray[np.bool_], sample: int, drawn: int
+    pairs: SeedPairs, candidate: MountCandidate, family: NDArray[np.bool_], sample: int, drawn: int, least: int
 ) -> bool:
     """A sample explains itself; each other slot is explained by chance as often as seeds of other sights lie near it.
 
@@ -248,7 +253,7 @@ def _beats_chance(
     """
     explained = candidate.explained & family
     size, sights = int(explained.sum()), len(np.unique(pairs.sight[family]))
-    if size < LEAST_PAIRS or len(np.unique(pairs.sight[explained])) < LEAST_SHARE * sights:
+    if size < least or len(np.unique(pairs.sight[explained])) < LEAST_SHARE * sights:
         return False
     projected = candidate.camera.pixels(pairs.points[family])
     owner = np.repeat(pairs.sight[family], pairs.seeds.shape[1])
@@ -259,8 +264,8 @@ def _beats_chance(
     # A sharper consensus of fewer is judged too, as Moulon, Monasse and Marlet 2012 do.
     tails: list[float] = []
     for limit in _LIMITS_PX:
-        least = _LEAST_CHANCE * (limit / INLIER_PX) ** 2
+        rarest = _LEAST_CHANCE * (limit / INLIER_PX) ** 2
         by_chance = float(np.sum((distance < limit) & others)) / max(sights - 1, 1) / len(projected)
         agreeing = int(np.sum(own < limit))
-        tails.append(_binomial_beyond(agreeing - sample - 1, len(own) - sample, min(max(by_chance, least), 1.0)))
+        tails.append(_binomial_beyond(agreeing - sample - 1, len(own) - sample, min(max(by_chance, rarest), 1.0)))
     return drawn * len(_LIMITS_PX) * min(tails) < _FALSE_ALARMS

@@ -20,6 +20,7 @@ from workers.marks.mount_search import (
     INLIER_PX,
     LEAST_PAIRS,
     LEAST_SHARE,
+    LEAST_WITH_LENS,
     RIVAL_SHARE,
     MountCandidate,
     SeedPairs,
@@ -57,8 +58,6 @@ _SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stat
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
-_FEWEST_WITH_LENS: Final = _FEWEST_SIGHTS + 1
-"""Poses: a mount from some of them is confirmed by the others, and one of six may show nothing."""
 _WAYS: Final = ((16.0, 0.0), (16.0, -0.07), (16.0, -0.14), (8.0, 0.0))
 """Half width of the first profiles, px, and how far outward edges are sought, metres: seeds may have taken a head for
 a tip that is 0.1 or 0.2 m lower, and on a small board wide profiles hold more of its pattern than of its edge."""
@@ -103,6 +102,8 @@ def propose(
     lens: Lens | None = None,
     model: ModelName = "brown_conrady",
     corners: Sequence[CornerName] = ("top",),
+    upper_corner: int = 0,
+    background: Sequence[int] = (),
     on_sight: OnSight = lambda: None,
 ) -> MachineMarks:
     """A mark, or a reason why not, for each of the asked corners of each sight.
@@ -111,18 +112,30 @@ def propose(
         size: width and height of the frames, px.
         lens: as it is stated; None: unknown, of the given model.
         corners: for which marks are wanted. Those that a sight does not know get none.
+        upper_corner: which corner ``top`` is on a board with level edges (`workers.marks.seeds.find_seeds`).
+        background: frames without a sight. They tell the background where those with one do not.
         on_sight: called before each sight is looked at; it may raise to stop the work.
     """
     task = MarkTask(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
-    fewest = LEAST_PAIRS if lens is None else _FEWEST_WITH_LENS
+    fewest = LEAST_PAIRS if lens is None else LEAST_WITH_LENS
     if len(sights) < fewest:
         return _failed(task, "few_poses", f"{len(sights)} corners have a frame; the machine needs {fewest}.")
-    chosen = spread_over([sight.frame for sight in sights])
-    seeds = find_seeds(frames, chosen)
+    of_sights = [sight.frame for sight in sights]
+    marks = _from_frames(task, of_sights, upper_corner)
+    if marks.failure is None or not background:
+        return marks
+    again = _from_frames(task, [*of_sights, *background], upper_corner)
+    return again if again.failure is None else marks
+
+
+def _from_frames(task: MarkTask, indices: Sequence[int], upper_corner: int) -> MachineMarks:
+    """Find the mount with the background of these frames, and mark."""
+    chosen = spread_over(indices)
+    seeds = find_seeds(task.frames, chosen, upper_corner)
     of_frames = {of_frame.frame: of_frame for of_frame in seeds}
     task, pairs, candidates = at_best_clock(task, of_frames)
     if not candidates:
-        return _failed(task, *_why_none(seeds, lens, sights))
+        return _failed(task, *_why_none(seeds, task.lens, task.sights))
     return _from_candidates(task, set(chosen), pairs, candidates)
 
 

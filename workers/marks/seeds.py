@@ -25,6 +25,7 @@ _LEAST_SHARE: Final = 3e-4  # of the frame: 12 x 12 px of 960 x 540, a board of 
 _CLOSE_PX: Final = 7
 _APART: Final = 0.008  # corners nearer to each other than this share of the width are one seed
 _HIGHEST: Final = 3
+_UPWARD: Final = np.radians([45.0, 25.0, 65.0])  # to upper corners of level boards, which people roll by up to 20
 _MOST_BLOBS: Final = 2
 _RIVAL_BLOB: Final = 0.5  # of the largest blob's area: a person with a board and one without differ by less
 MOST_SEEDS: Final = _HIGHEST * _MOST_BLOBS
@@ -57,13 +58,17 @@ def spread_over(frames: Sequence[int], most: int = MOST_FRAMES) -> list[int]:
     return [ordered[k] for k in np.linspace(0, len(ordered) - 1, most).round().astype(int).tolist()]
 
 
-def find_seeds(frames: FrameSource, chosen: Sequence[int]) -> list[FrameSeeds]:
+def find_seeds(frames: FrameSource, chosen: Sequence[int], upper_corner: int = 0) -> list[FrameSeeds]:
     """Seeds of the chosen frames.
 
     The background is the median of the frames after their gains were matched. In what differs from it the largest
     blob is taken, and a second one of its size: a second person. The three highest corners of a blob's hull may be
     the tip (a head may be above it). The ends of its width may be the board's side corners: boards are wider than
-    the people who hold them.
+    the people who hold them. Of a board with level edges the hull's corners to the upper left and right are seeds.
+
+    Args:
+        upper_corner: which one ``top`` is if the board's edges are level (`apexcal.documents.corners`): 1 the left,
+            -1 the right one. 0: a corner is up.
     """
     if not chosen:
         return []
@@ -84,7 +89,7 @@ def find_seeds(frames: FrameSource, chosen: Sequence[int]) -> list[FrameSeeds]:
     )
     found: list[FrameSeeds] = []
     for index, image, gain in zip(chosen, matched, gains, strict=True):
-        pixels, rivals = _seeds_of(image.astype(np.float32) - background, slack, shrink)
+        pixels, rivals = _seeds_of(image.astype(np.float32) - background, slack, shrink, upper_corner)
         found.append(FrameSeeds(index, pixels, gain, rivals))
     return found
 
@@ -123,7 +128,9 @@ def _median(images: Sequence[Image]) -> Single:
     return np.partition(stack, len(images) // 2, axis=0)[len(images) // 2].astype(np.float32)
 
 
-def _seeds_of(difference: Single, slack: Single, shrink: int) -> tuple[dict[CornerName, Floats], int]:
+def _seeds_of(
+    difference: Single, slack: Single, shrink: int, upper_corner: int
+) -> tuple[dict[CornerName, Floats], int]:
     smooth = np.abs(cv2.GaussianBlur(difference, (0, 0), _SMOOTH_PX))
     noise = max(1.4826 * float(np.median(smooth)), 0.25)  # levels; rounding alone leaves a tenth after smoothing
     mask = (smooth > _NOISES * noise + slack).astype(np.uint8)
@@ -141,17 +148,24 @@ def _seeds_of(difference: Single, slack: Single, shrink: int) -> tuple[dict[Corn
     blobs = [blob for blob in order.tolist() if areas[blob] >= _RIVAL_BLOB * areas[order[0]]]
     for blob in blobs:
         rows, columns = np.nonzero(labels == blob + 1)
-        for name, seeds in _of_blob(np.column_stack([columns, rows]), mask.shape).items():
+        for name, seeds in _of_blob(np.column_stack([columns, rows]), mask.shape, upper_corner).items():
             pixels.setdefault(name, []).append((seeds + 0.5) * shrink - 0.5)
     return {name: np.concatenate(seeds) for name, seeds in pixels.items()}, len(blobs) - 1
 
 
-def _of_blob(places: NDArray[np.int64], shape: tuple[int, ...]) -> dict[CornerName, Floats]:
+def _of_blob(places: NDArray[np.int64], shape: tuple[int, ...], upper_corner: int) -> dict[CornerName, Floats]:
     """Seeds of a blob's pixels (N, 2), but for those at the frame's rim."""
     outline = cv2.convexHull(places.astype(np.int32))
     hull = cv2.approxPolyDP(outline, 1.5, closed=True).reshape(-1, 2).astype(np.float64)
     inside = np.all((hull > 1.0) & (hull < (shape[1] - 2.0, shape[0] - 2.0)), axis=1)
     found: dict[CornerName, Floats] = {}
+    if upper_corner:
+        upper: dict[CornerName, int] = {"top": -upper_corner, "right" if upper_corner > 0 else "left": upper_corner}
+        for name, side in upper.items():
+            away = np.array([side * np.cos(_UPWARD), -np.sin(_UPWARD)])
+            farthest = (hull @ away).argmax(axis=0)
+            found[name] = _apart(hull[farthest[inside[farthest]]], _APART * shape[1])
+        return {name: pixels for name, pixels in found.items() if len(pixels)}
     highest = _apart(hull[inside][np.argsort(hull[inside, 1], kind="stable")], _APART * shape[1])
     if len(highest):
         found["top"] = highest

@@ -34,7 +34,6 @@ FailureReason = Literal[
     "no_consensus",
     "two_consensuses",
     "few_edges",
-    "level_edges",
 ]
 
 

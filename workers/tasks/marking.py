@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from sqlalchemy import Row, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.bounds import DEFAULT_ROTATION_RANGE_DEG
 from apexcal.documents.camera_models import ModelName
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.lenses import lens_of_images, parameters_of
 from apexcal.documents.machine_marks import MOST_VERTICES, TILE_COLUMNS
 from apexcal.geometry.motion import velocities_of
+from apexcal.geometry.rotations import vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
@@ -28,7 +31,8 @@ from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.geometry.spherical import to_xyz
 from workers.marks.propose import propose
-from workers.marks.sights import Image, Lens, MarkProposal, MarkRefusal, RecordingFailure, Sight
+from workers.marks.seeds import MOST_FRAMES, spread_over
+from workers.marks.sights import Image, Lens, MarkProposal, MarkRefusal, MountedLens, RecordingFailure, Sight
 from workers.readers.images.decoded_frames import decoded_frames
 from workers.readers.recording import ReadError
 from workers.tasks.analysis_files import keeping, store_file
@@ -41,15 +45,14 @@ _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
 Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
 _COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px", "places")
 _WIDEST: Final = 1 << 14  # frames are marked as they are
-_LEVEL: Final = RecordingFailure(
-    "level_edges",
-    "The machine looks for a board's top corner, and a board with level edges has none. Mark this recording by hand.",
-)
 
 
 @dataclass(frozen=True, eq=False)
 class _MarkingWork:
-    """Sights with the vertex of each corner, and the camera's frames: offset, length of each by its index."""
+    """Sights with the vertex of each corner, and the camera's frames: offset, length of each by its index.
+
+    Few sights have frames without one beside them, which tell the background.
+    """
 
     recording_id: UUID
     camera_key: str
@@ -57,8 +60,9 @@ class _MarkingWork:
     vertices: list[dict[str, UUID]]
     frames: dict[int, tuple[int, int]]
     corners: Sequence[CornerName]
-    is_level: bool
+    upper_corner: int
     lens: Lens | None
+    nominal: SE3 | None
     model: ModelName
     paired_at_ms: float
 
@@ -67,31 +71,31 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
     """Mark the tips, and the other corners that are asked for, of at most `MOST_VERTICES` sweeps."""
     with context.database.reading() as session:
         work = _read(session, session.get_one(Analysis, claim.subject_id))
-    if work.is_level:
-        none: Answers = dict.fromkeys(CORNERS, MarkRefusal("no_mount"))
-        of_none = _result(_rows(work, dict.fromkeys(range(len(work.sights)), none)), _LEVEL)
-        return lambda session: of_none
     with context.scratch() as folder:
         source = context.fetch(work.camera_key, folder)
-        frames = _decoded(context, work, source, folder, lease)
+        decoded = _decoded(context, work, source, folder, lease)
+        sighted = {sight.frame for sight in work.sights}
+        frames = {index: image for index, image in decoded.items() if index in sighted}
         usable = [number for number, sight in enumerate(work.sights) if sight.frame in frames]
         sights = [work.sights[number] for number in usable]
         height, width = frames[sights[0].frame].shape if sights else (1, 1)
         lease.report(0.5, "looking for the board's edges")
         proposals = propose(
-            frames,
+            decoded,
             sights,
             (width, height),
             lens=work.lens,
             model=work.model,
             corners=work.corners,
+            upper_corner=work.upper_corner,
+            background=[index for index in decoded if index not in sighted],
             on_sight=lease.check,
         )
         rows = _rows(work, dict(zip(usable, proposals.answers, strict=True)))
         shown = _as_shown(work, source, frames, folder, lease)
         write = _storing_tiles(context, claim, work, rows, shown, folder / "crops.png")
     offset_ms = work.paired_at_ms + 1e3 * proposals.offset_s if proposals.offset_s else None
-    result = _result(rows, proposals.failure, offset_ms)
+    result = _result(rows, proposals.failure, offset_ms, _contradicted(proposals.camera, work.nominal))
 
     def finish(session: Session) -> Json:
         write(session)
@@ -140,18 +144,26 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     for vertex, _ in session.execute(paired.where(Vertex.corner != TOP)):
         others.setdefault(vertex.sweep_index, {})[vertex.corner] = vertex.id
     roll = float(np.radians(detection.counts.get("roll", {}).get("mean_deg", 0.0)))
+    rig_id = select(Recording.rig_id).where(Recording.id == camera.recording_id).scalar_subquery()
+    of_rig = session.scalar(select(RigCamera).where(RigCamera.rig_id == rig_id, RigCamera.name == camera.name))
     indices = {frame.frame_index for _, frame in tips}
     columns = (CameraFrame.index, CameraFrame.offset, CameraFrame.length)
-    places = select(*columns).where(CameraFrame.sensor_id == camera.id)
+    places = {
+        index: (offset, length)
+        for index, offset, length in session.execute(select(*columns).where(CameraFrame.sensor_id == camera.id))
+    }
+    most = max(MOST_FRAMES - len(indices), 0) if tips else 0
+    beside = spread_over([index for index in places if index not in indices], most)
     return _MarkingWork(
         camera.recording_id,
         camera.blob_key,
         [_sight(vertex, frame, roll, v) for (vertex, frame), v in zip(tips, _velocities(tips), strict=True)],
         [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
-        {index: (offset, length) for index, offset, length in session.execute(places) if index in indices},
+        {index: places[index] for index in indices.union(beside) if index in places},
         corners,
-        bool(detection.options.get("upper_corner")),
-        _stated_lens(session, camera),
+        int(detection.options.get("upper_corner") or 0),
+        _stated_lens(of_rig, camera),
+        from_document(of_rig.nominal) if of_rig else None,
         analysis.asked["model"],
         detection.pairing["offset_ns"] / 1e6,
     )
@@ -164,10 +176,23 @@ def _velocities(tips: Sequence[Row[Vertex, VertexFrame]]) -> NDArray[np.float64]
     return np.zeros((len(tips), 3)) if moved is None else moved
 
 
-def _stated_lens(session: Session, camera: Sensor) -> Lens | None:
+def _contradicted(camera: MountedLens | None, nominal: SE3 | None) -> str | None:
+    """Say how the marks' mount is turned from the rig's, if that is too far for a fit about it."""
+    if camera is None or nominal is None:
+        return None
+    turned = np.degrees(np.linalg.norm(vector_from_rotation(camera.mount.R @ nominal.R.T)))
+    if turned <= DEFAULT_ROTATION_RANGE_DEG:
+        return None
+    left = np.degrees(np.arctan2(camera.mount.R[2, 1], camera.mount.R[2, 0]))
+    return (
+        f"By these marks the camera looks {abs(left):.0f} degrees to the {'left' if left > 0.0 else 'right'} of the "
+        f"LiDAR's x axis, turned by {turned:.0f} degrees from the rig's mount. A calibration looks within "
+        f"{DEFAULT_ROTATION_RANGE_DEG:.0f} degrees of that: state where the camera looks (--looks, or the rig)."
+    )
+
+
+def _stated_lens(of_rig: RigCamera | None, camera: Sensor) -> Lens | None:
     """What the recording says of the lens (CameraInfo), if that is of the images that the rig has."""
-    rig_id = select(Recording.rig_id).where(Recording.id == camera.recording_id).scalar_subquery()
-    of_rig = session.scalar(select(RigCamera).where(RigCamera.rig_id == rig_id, RigCamera.name == camera.name))
     facts = camera.facts or {}
     if of_rig is None or not facts.get("camera_info"):
         return None
@@ -208,7 +233,7 @@ def _decoded(context: Context, work: _MarkingWork, source: Path, folder: Path, l
 
     Frames of 16 bits are marked as they were measured: what people see of them was stretched part by part.
     """
-    indices = sorted({sight.frame for sight in work.sights})
+    indices = sorted(work.frames)
     places = [work.frames[index] for index in indices]
     images = decoded_frames(source, places, folder, colour=False, widest=_WIDEST, must_stop=lease.check, deep=True)
     frames: dict[int, Image] = {}
@@ -249,7 +274,9 @@ def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[st
     return rows
 
 
-def _result(rows: Sequence[dict[str, Any]], failure: RecordingFailure | None, offset_ms: float | None = None) -> Json:
+def _result(
+    rows: Sequence[dict[str, Any]], failure: RecordingFailure | None, offset_ms: float | None, warning: str | None
+) -> Json:
     """Columns of all marks and reasons, and the marks in numbers."""
     sigmas = [row["sigma_u"] for row in rows if row["reason"] is None]
     return {
@@ -259,5 +286,6 @@ def _result(rows: Sequence[dict[str, Any]], failure: RecordingFailure | None, of
         "refusal": failure and failure.sentence,
         "sigma_px": float(np.median(sigmas)) if sigmas else None,
         "clock_offset_ms": offset_ms,
+        "warning": warning,
         "marks": {name: [row[name] for row in rows] for name in rows[0]} if rows else {},
     }

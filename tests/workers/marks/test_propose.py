@@ -50,6 +50,18 @@ def test_tips_are_marked(scene, frames):
     )
 
 
+@pytest.mark.parametrize("upper_corner", [1, -1])
+def test_upper_corners_of_level_boards_are_marked(upper_corner):
+    drawn = replace(DRAW, upper_corner=upper_corner)
+    scene = Scene(drawn)
+    frames = [scene[index] for index in range(len(scene))]
+    found = propose(frames, scene.sights, drawn.size, lens=scene.lens, corners=CORNERS, upper_corner=upper_corner)
+    assert found.failure is None
+    for name in ("top", "right" if upper_corner > 0 else "left"):
+        errors = errors_px(scene, found.answers, name)
+        assert len(errors) >= 0.7 * len(scene) and max(errors) < 1.0
+
+
 def test_without_corners_the_roll_tells_the_edges(scene, frames):
     bare = [type(one)(one.frame, {"top": one.corners["top"]}, one.covariance, one.roll) for one in scene.sights]
     errors = errors_px(scene, propose(frames, bare, DRAW.size, lens=scene.lens).answers)
@@ -75,6 +87,18 @@ def test_six_poses_suffice_with_a_stated_lens(scene, frames):
         for one, k in zip(scene.sights, order, strict=False)
     ]
     assert propose(frames, mixed, DRAW.size, lens=scene.lens).camera is None
+
+
+def test_frames_without_a_sight_tell_the_background():
+    """Seven poses within 3.3 degrees of one place hide the background from their own median."""
+    drawn = replace(DRAW, count=24, gain_step=1.0)
+    scene, near = Scene(drawn), (2, 12, 13, 16, 17, 18, 19)
+    frames, sights = [scene[index] for index in range(len(scene))], [scene.sights[index] for index in near]
+    assert propose(frames, sights, drawn.size, lens=scene.lens).camera is None
+    others = [index for index in range(len(scene)) if index not in near]
+    found = propose(frames, sights, drawn.size, lens=scene.lens, background=others)
+    pixels = np.array([answer["top"].pixel for answer in found.answers])
+    assert np.hypot(*(pixels - scene.truth["top"][list(near)]).T).max() < 1.0
 
 
 def test_the_clock_is_told_by_the_marks_of_a_walk():
