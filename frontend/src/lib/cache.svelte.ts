@@ -30,15 +30,8 @@ export function reading<T>(options: () => Read<T>): CreateQueryResult<T, ApiProb
   return createQuery<T, ApiProblem>(options, () => cache);
 }
 
-/**
- * Reads again what is shown, and later what else was read: the person has changed something. A hint meanwhile starts
- * some of it anew: that is waited for, too, or a second change would be made of what was there before the first.
- */
-export async function renew(): Promise<void> {
-  await cache.invalidateQueries();
-  const newer = cache.getQueryCache().findAll({ fetchStatus: "fetching", type: "active" });
-  await Promise.allSettled(newer.map(async ({ promise }) => promise));
-}
+/** Reads again what is shown, and later what else was read: the person has changed something. */
+export const renew = (): Promise<void> => cache.invalidateQueries();
 
 /** Follows the hints of a fleet while the component lives. */
 export function follow(fleetId: () => string | undefined): void {
