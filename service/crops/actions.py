@@ -234,8 +234,8 @@ def _sentence(outcome: PageOutcome, *, accepts_all: bool) -> str:
 def _no_marks(camera: str) -> Problem:
     return conflict(
         "no_marks",
-        f"The machine has not marked this detection's corners in {camera}.",
-        "Wait until its analysis is done, or ask for one: POST /v1/analyses with the kind machine_marks.",
+        f"The machine has not marked this detection's corners in {camera} yet.",
+        "Wait until it has, or ask for its marks (an analysis of the kind machine_marks).",
     )
 
 
@@ -243,7 +243,7 @@ def _too_few(count: int) -> Problem:
     return conflict(
         "too_few_marks",
         f"The machine has {count} marks in this camera; a page of crops needs {LEAST_MARKS}.",
-        "Mark these corners by hand: POST /v1/detections/{id}/tasks/next, or the marking page.",
+        "Mark these corners by hand (tasks of the detection).",
     )
 
 
@@ -252,6 +252,6 @@ def _blind_first(count: int) -> Problem:
         "blind_marks_first",
         f"{count} more of the corners that the machine marked must be marked blind first: they show how far its "
         "marks are off in this recording.",
-        "Mark them without seeing the machine's marks: POST /v1/detections/{id}/tasks/next, or the marking page.",
+        "Mark them by hand, without seeing the machine's marks (tasks of the detection).",
         blind_needed=count,
     )

@@ -199,7 +199,7 @@ def detections(stage: Stage) -> Iterator[State]:
     yield State(
         "detection-failed", path, (Change(row, id, {"state": "failed", "problem": PROBLEM}),), PROBLEM["hint"]
     )
-    yield State("detection-cancelled", path, (Change(row, id, {"state": "cancelled"}),))
+    yield State("detection-cancelled", path, (Change(row, id, {"state": "cancelled"}),), "was cancelled")
     empty = {"accepted": 0, "sweeps": 120, "paired": 0}
     yield State("detection-empty", path, (Change(row, id, {"counts": empty}),), "The board was not found.")
 
