@@ -1,23 +1,23 @@
-"""What decides a vehicle's calibration, in one statement of look-ups by indexes."""
+"""What decides a vehicle's calibration and who may see it, in one statement of look-ups by indexes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
 from hashlib import sha256
-from typing import Any
 
-from sqlalchemy import Select, String, Uuid, bindparam, cast, func, select
+from sqlalchemy import Select, String, Uuid, and_, bindparam, cast, func, or_, select
 from sqlalchemy.orm import aliased
 
 from service.platform.db.calibrations import Calibration, Publication, Result, newest_move
+from service.platform.db.clock import now
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
-from service.platform.db.people import Person
+from service.platform.db.people import ApiToken, Membership, Person
 
 
 @cache
-def state_of_vehicle(dialect: str) -> Select[*tuple[Any, ...]]:
-    """A query for text and the vehicle's fleet, a row for each camera of each rig; none if there is no such vehicle.
+def state_of_vehicle(dialect: str) -> Select[str]:
+    """A query for a row of text for each camera of each rig; none if there is no such vehicle.
 
     It takes ``vehicle`` and ``alias``. The database makes the text, so that each driver reads the same.
     """
@@ -30,7 +30,7 @@ def state_of_vehicle(dialect: str) -> Select[*tuple[Any, ...]]:
     )
     text = func.json_array(*state) if dialect == "sqlite" else cast(func.json_build_array(*state), String)
     return (
-        select(text, Vehicle.fleet_id)
+        select(text)
         .select_from(Vehicle)
         .outerjoin(Rig, Rig.vehicle_id == Vehicle.id)
         .outerjoin(RigCamera, RigCamera.rig_id == Rig.id)
@@ -42,6 +42,24 @@ def state_of_vehicle(dialect: str) -> Select[*tuple[Any, ...]]:
     )
 
 
-def digest_of(rows: Iterable[str]) -> str:
-    """A hash of a state. The rows are sorted here, because the statement has no ORDER BY."""
-    return sha256("\n".join(sorted(rows)).encode()).hexdigest()
+@cache
+def state_for_token(dialect: str) -> Select[str]:
+    """The same where the API token with the hash ``secret`` may see the vehicle, else no row."""
+    lasts = or_(ApiToken.expires_at.is_(None), ApiToken.expires_at > now())
+    in_fleet = and_(Membership.person_id == Person.id, Membership.fleet_id == Vehicle.fleet_id)
+    return (
+        state_of_vehicle(dialect)
+        .join(ApiToken, and_(ApiToken.secret_hash == bindparam("secret"), ApiToken.revoked_at.is_(None), lasts))
+        .join(Person, Person.id == ApiToken.person_id)
+        .outerjoin(Membership, in_fleet)
+        .where(
+            or_(ApiToken.fleet_id.is_(None), ApiToken.fleet_id == Vehicle.fleet_id),
+            or_(Person.is_owner, Membership.role.is_not(None)),
+        )
+    )
+
+
+def digest_of(rows: Iterable[str]) -> str | None:
+    """A hash of a state; None without rows. The rows are sorted here, because the statements have no ORDER BY."""
+    texts = sorted(rows)
+    return sha256("\n".join(texts).encode()).hexdigest() if texts else None
