@@ -19,10 +19,10 @@ DEFAULTS = {key: option.default for key, option in DETECTORS["refined"].options.
 
 def test_what_rings_disagree_by_is_learned_and_poses_are_noticed():
     model = learn(poses(16, biased_m=0.012).source, REGION, DEFAULTS | SIZE, lambda: None)
-    assert model.poses
+    assert model.is_posed
     assert model.bias == pytest.approx(0.012, abs=0.006)
     walked = learn(walk(27, 30.0).source, REGION, DEFAULTS | SIZE, lambda: None)
-    assert not walked.poses
+    assert not walked.is_posed
     assert walked.bias < 0.006
 
 

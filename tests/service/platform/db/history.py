@@ -81,7 +81,8 @@ class _Filler:
                 usual[column.name] = default.arg
             elif default is not None and default.is_callable and default.arg.__name__ in ("list", "dict"):
                 usual[column.name] = [] if default.arg.__name__ == "list" else {}
-        sql = {name: self.literal(value) for name, value in (usual | USUAL.get(table, {})).items()} | columns
+        usual |= {table.__mapper__.columns[name].name: value for name, value in USUAL.get(table, {}).items()}
+        sql = {name: self.literal(value) for name, value in usual.items()} | columns
         series = (
             f"WITH g(n) AS (SELECT * FROM generate_series(0::bigint, {rows - 1}))"
             if self._postgresql
