@@ -35,12 +35,9 @@ def over_limit(px: Floats, mm: Floats) -> float:
     return float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / limit_rad), MIDDLE, axis=1)))
 
 
-def worst_axis(estimate: Estimate, covariance: Floats | None = None) -> tuple[Floats, Floats]:
-    """(distances, R) deviations of those points in the direction in which each is known worst, px and mm.
-
-    covariance (F, F): of the parameters; the estimate's own if it is left out.
-    """
-    px, mm = covariances_along(estimate, marked_rays(estimate), covariance)
+def worst_axis(estimate: Estimate) -> tuple[Floats, Floats]:
+    """(distances, R) deviations of those points in the direction in which each is known worst, px and mm."""
+    px, mm = covariances_along(estimate, marked_rays(estimate))
     return np.sqrt(np.linalg.eigvalsh(px)[..., -1]), np.sqrt(np.linalg.eigvalsh(mm)[..., -1])
 
 

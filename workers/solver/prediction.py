@@ -61,16 +61,11 @@ def deviations_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     return np.sqrt(np.einsum("kncc->kn", px)), np.sqrt(np.einsum("kncc->kn", mm))
 
 
-def covariances_along(estimate: Estimate, rays: Floats, covariance: Floats | None = None) -> tuple[Floats, Floats]:
-    """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2.
-
-    covariance (F, F): of the free parameters, rad, m and px; the estimate's if it is left out.
-    """
-    if covariance is None:
-        assert estimate.errors is not None
-        covariance = estimate.errors.covariance()
+def covariances_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
+    """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2."""
+    assert estimate.errors is not None
     _, blocks, back = derivatives_along(estimate, rays)
-    spread = np.einsum("ncf,fg,ndg->ncd", blocks, covariance, blocks)
+    spread = np.einsum("ncf,fg,ndg->ncd", blocks, estimate.errors.covariance(), blocks)
     across = 1e6 * np.einsum("nic,ncd,njd->nij", back, spread, back)
     return spread.reshape(len(DISTANCES_M), -1, 2, 2), across.reshape(len(DISTANCES_M), -1, 3, 3)
 
