@@ -19,7 +19,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help env setup frontend demo serve test test-long compose-test screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-annotators bench-marks bench-real bench-neighbours faults faults-hosts check lock clean
+.PHONY: help env setup frontend demo serve test test-long compose-test screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-latency bench-retrieval bench-startup bench-annotators bench-marks bench-real bench-neighbours faults faults-hosts check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -93,6 +93,9 @@ bench-growth: setup  ## how costs grow with recordings, pairs, vehicles and hist
 
 bench-farm: setup  ## what a trip through the queue costs a job, on both databases; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm
+
+bench-latency: setup  ## how long one calibration takes by whole runs and by slots, on one and two processes, and replayed on more; ROUNDS=1 for a short form
+	$(BIN)/python -m benchmarks.latency
 
 bench-retrieval: setup  ## how fast 10,000 vehicles get their calibrations, and whether any answer is old; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.retrieval

@@ -5,8 +5,9 @@ two pool processes, sweeper) and two bare processes do the same runs on the same
 2.5 s: while one works the other is stopped. The service's time begins when the request is sent, and holds everything
 until the last vehicle has ended; the bare processes have their documents in memory and keep their results there. The
 results must be the same bits. Meanwhile a second fleet asks for single calibrations, timed beside the idle machine's.
-What ends in ``by_cpu`` counts processor seconds of all processes, for a machine that has other things to do. The last
-line is JSON.
+What ends in ``by_cpu`` counts processor seconds of all processes, for a machine that has other things to do;
+``cost_ms`` is that of a vehicle, by process. From these costs follows a table on stderr: what more hosts would bring
+(`benchmarks.fleet.scaling`). The last line is JSON.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from sqlalchemy import ColumnElement, func, select
 
 from benchmarks.asker import Asker
 from benchmarks.bare import Bare, assert_same_bits, runs_of
+from benchmarks.fleet.scaling import Scale, scaled
 from benchmarks.fleet.turns import Contender
 from benchmarks.house import House, cpu_s
 from benchmarks.vehicles import bring, draw
@@ -84,6 +86,9 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
     idle += [bystander.ask()[0] for _ in range(_IDLE_ROUNDS)]
     print({name: round(seconds, 1) for name, seconds in (cpu | {"bare": bare_cpu}).items()}, file=sys.stderr)
     done = vehicles + disturbed
+    cost_s = {name: seconds / done for name, seconds in cpu.items()}
+    scales = scaled(cost_s, seed)
+    print(*(" ".join(map(str, scale)) for scale in (Scale._fields, *scales)), sep="\n", file=sys.stderr)
     figures = {
         "vehicles_per_s": done / service.seconds,
         "bare_vehicles_per_s": vehicles / contender.seconds,
@@ -92,7 +97,9 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
         "bystander_s": statistics.median(bystander.seconds),
     }
     rounded = {name: round(value, 4) for name, value in figures.items()}
-    return {"vehicles": vehicles, **rounded, "same_bits": True, "seed": seed}
+    cost_ms = {name: round(1e3 * seconds, 2) for name, seconds in cost_s.items()}
+    cost_ms["bare"] = round(1e3 * bare_cpu / vehicles, 2)
+    return {"vehicles": vehicles, **rounded, "cost_ms": cost_ms, "same_bits": True, "seed": seed}
 
 
 def _take_turns(
