@@ -21,9 +21,9 @@ _LOOK_S = 0.5
 class Asker:
     """One vehicle of a fleet of its own; every request is the same work, bit for bit."""
 
-    def __init__(self, house: House, rig: Rig, calibration: dict[str, Any]) -> None:
+    def __init__(self, house: House, rig: Rig, calibration: dict[str, Any], fleet: str = "asker") -> None:
         self._house, self._calibration = house, calibration
-        self._one = one_vehicle(house.client, "asker", rig)
+        self._one = one_vehicle(house.client, fleet, rig)
         self._thread: threading.Thread | None = None
         self.seconds: list[float] = []
 

@@ -114,7 +114,7 @@ def measure(rounds: int, seed: int) -> dict[str, dict[str, Any]]:
         try:
             rig = draw_rig("brown_conrady", np.random.default_rng([seed, 1]))
             askers = {
-                f"{name}, {farm}": Asker(house, rig, {**asked, "farm": farm})
+                f"{name}, {farm}": Asker(house, rig, {**asked, "farm": farm}, f"{name}, {farm}")
                 for name, asked in ASKED.items()
                 for farm in FARMS
             }
