@@ -15,7 +15,7 @@ from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key
 
 Floats = NDArray[np.float64]
-_BATCH: Final = 256
+_BATCH: Final = 64
 _AT_ONCE: Final = 2**20
 """Numbers of one array: a batch of 100,000 pairs would take gigabytes, and seconds without a look at `stop`."""
 _MOST_SAMPLES: Final = 4096
