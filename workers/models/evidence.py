@@ -124,7 +124,9 @@ def _sums(values: Floats, block: Integers) -> Floats:
 
 
 def _weights(sums: Floats) -> list[float]:
-    blocks = sums.shape[1]
+    models, blocks = sums.shape
+    if models == 1:
+        return [1.0]
     # Fixed seed: a calibration is judged alike whichever process ends it.
     shares = np.random.default_rng(0).dirichlet(np.ones(blocks), _DRAWS) * blocks
     totals = shares @ sums.T
