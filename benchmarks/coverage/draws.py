@@ -22,7 +22,7 @@ from service.platform.db.calibrations import FULL
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project
 from workers.geometry.spherical import axes
-from workers.judge.effects import freedoms_of_use, marked_rays
+from workers.judge.effects import marked_rays, worst_axis
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.halves import halves_of
 from workers.solver.prediction import DISTANCES_M, covariances_along
@@ -161,7 +161,7 @@ def _pixels(draw: Draw, fitted: Estimate) -> list[float]:
     """Share of a pixel's intervals that hold at each distance, along u and v, over the field that marks cover."""
     rays = marked_rays(fitted)
     px, _ = covariances_along(fitted, rays)
-    factors = special.stdtrit(np.clip(freedoms_of_use(fitted), 1.0, 1e9), 0.975)
+    factors = special.stdtrit(np.clip(worst_axis(fitted).freedoms, 1.0, 1e9), 0.975)
     mount, p = transform_of(fitted.holding, fitted.parameters), fitted.parameters
     shares: list[float] = []
     for index, distance in enumerate(DISTANCES_M):

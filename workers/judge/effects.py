@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.checks import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
-from workers.solver.prediction import DISTANCES_M, covariances_along, derivatives_along
+from workers.solver.prediction import DISTANCES_M, derivatives_along, point_covariances
 from workers.solver.residuals import predict, transform_of
 
 Floats = NDArray[np.float64]
@@ -35,19 +35,28 @@ def over_limit(px: Floats, mm: Floats) -> float:
     return float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / limit_rad), MIDDLE, axis=1)))
 
 
-def worst_axis(estimate: Estimate) -> tuple[Floats, Floats]:
-    """(distances, R) deviations of those points in the direction in which each is known worst, px and mm."""
-    px, mm = covariances_along(estimate, marked_rays(estimate))
-    return np.sqrt(np.linalg.eigvalsh(px)[..., -1]), np.sqrt(np.linalg.eigvalsh(mm)[..., -1])
+class WorstAxis(NamedTuple):
+    """Of the points of use, in the direction in which each is known worst, (distances, R) each.
+
+    Attributes:
+        px, mm: standard deviations.
+        freedoms: degrees of freedom of the variance.
+    """
+
+    px: Floats
+    mm: Floats
+    freedoms: Floats
 
 
-def freedoms_of_use(estimate: Estimate) -> Floats:
-    """(distances, R) degrees of freedom of those points' variances in the direction in which each is known worst."""
+def worst_axis(estimate: Estimate) -> WorstAxis:
+    """Return how well the points of use are known where they are known worst. The estimate states errors."""
     assert estimate.errors is not None
-    rays = marked_rays(estimate)
-    axes = np.linalg.eigh(covariances_along(estimate, rays)[0])[1][..., -1].reshape(-1, 2)
-    along = np.einsum("nc,ncf->nf", axes, derivatives_along(estimate, rays)[1])
-    return estimate.errors.freedoms(along).reshape(len(DISTANCES_M), -1)
+    _, blocks, back = derivatives_along(estimate, marked_rays(estimate))
+    px, mm = point_covariances(estimate, blocks, back)
+    variances, axes = np.linalg.eigh(px)
+    along = np.einsum("nc,ncf->nf", axes[..., -1].reshape(-1, 2), blocks)
+    freedoms = estimate.errors.freedoms(along).reshape(len(DISTANCES_M), -1)
+    return WorstAxis(np.sqrt(variances[..., -1]), np.sqrt(np.linalg.eigvalsh(mm)[..., -1]), freedoms)
 
 
 class Effect(NamedTuple):

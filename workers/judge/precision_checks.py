@@ -21,7 +21,7 @@ from apexcal.documents.checks import (
     figure,
 )
 from apexcal.documents.results import FitResult
-from workers.judge.effects import MIDDLE, freedoms_of_use, over_limit, worst_axis
+from workers.judge.effects import MIDDLE, over_limit, worst_axis
 from workers.judge.topics import more_corners
 from workers.solver.estimate import Estimate
 from workers.solver.next_steps import sentence as next_sentence
@@ -68,10 +68,9 @@ def stated_over_limit(estimate: Estimate, result: FitResult) -> tuple[float, Flo
 
     Halves that differ by more than is stated say by how much more. The estimate states errors.
     """
-    px, mm = worst_axis(estimate)
+    px, mm, freedoms = worst_axis(estimate)
     # Each point by the freedom of its own variance: most of it may be stated, and known.
-    freedoms = np.clip(freedoms_of_use(estimate), 1.0, _MOST_FREEDOM)
-    factor = np.asarray(_student_quantile(freedoms, 0.975), np.float64)
+    factor = np.asarray(_student_quantile(np.clip(freedoms, 1.0, _MOST_FREEDOM), 0.975), np.float64)
     factor = factor * (result.prediction.expected_over_stated if result.prediction else 1.0)
     return over_limit(factor * px, factor * mm), factor * px
 

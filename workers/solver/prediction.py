@@ -63,8 +63,13 @@ def deviations_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
 
 def covariances_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2."""
-    assert estimate.errors is not None
     _, blocks, back = derivatives_along(estimate, rays)
+    return point_covariances(estimate, blocks, back)
+
+
+def point_covariances(estimate: Estimate, blocks: Floats, back: Floats) -> tuple[Floats, Floats]:
+    """Return covariances of the points whose derivatives `derivatives_along` gave, shaped as `covariances_along`."""
+    assert estimate.errors is not None
     spread = np.einsum("ncf,fg,ndg->ncd", blocks, estimate.errors.covariance(), blocks)
     across = 1e6 * np.einsum("nic,ncd,njd->nij", back, spread, back)
     return spread.reshape(len(DISTANCES_M), -1, 2, 2), across.reshape(len(DISTANCES_M), -1, 3, 3)

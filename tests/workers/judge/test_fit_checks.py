@@ -16,7 +16,7 @@ from tests.workers.solver.test_optima import small_board
 from tests.workers.solver.walks import ended, posed
 from workers.judge.agreement_checks import fit
 from workers.judge.causes import image_velocities
-from workers.judge.effects import Effect, freedoms_of_use, marked_rays
+from workers.judge.effects import Effect, marked_rays, worst_axis
 from workers.judge.fit_checks import checks_of_fit, without_outliers
 from workers.judge.pair_checks import places_of
 from workers.judge.precision_checks import mount_alone, precision
@@ -261,7 +261,7 @@ def test_few_pairs_widen_what_is_judged_by_students_t():
 def test_what_is_stated_of_all_pairs_is_known_also_where_pairs_are_few():
     problem, start = rig("pinhole", pairs=12, common_errors={"tip_up_mm": 30.0})
     found, result = ended(problem, start)
-    freedoms = freedoms_of_use(found)
+    freedoms = worst_axis(found).freedoms
     assert np.median(freedoms[0]) > 20.0 * found.spread.freedom
     C = covariances_along(found, marked_rays(found))[0]
     widest = np.quantile(1.97 * np.sqrt(np.linalg.eigvalsh(C)[0, :, -1]), 0.95)
