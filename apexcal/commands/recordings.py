@@ -197,7 +197,7 @@ def reading_of(
 
 
 def merged_reading(before: Document, now: Document) -> Document:
-    """What was said before with what is said now; of the topics, each by its name."""
+    """Return the earlier statements with the new ones in their place; topics are merged by sensor."""
     topics, more = before.get("topics") or {}, now.get("topics") or {}
     cameras = (topics.get("cameras") or {}) | (more.get("cameras") or {})
     both = topics | more | ({"cameras": cameras} if cameras else {})
@@ -205,7 +205,7 @@ def merged_reading(before: Document, now: Document) -> Document:
 
 
 def candidates_of(problem: Document | None) -> str:
-    """The topics that a refused recording has, and how to say which is which; empty for any other refusal."""
+    """Return the topics of a refused recording, and how to say which is which; empty for any other refusal."""
     candidates = (problem or {}).get("candidates") or []
     if not candidates:
         return ""
@@ -221,7 +221,11 @@ def _size(candidate: Document) -> str:
 
 
 def _when_read(session: Session, recording: RecordingSummary) -> Reply:
-    """The recording when it is ready. Raises :class:`FailedError`; where topics must be named, it lists them."""
+    """Wait until the recording is ready.
+
+    Raises:
+        FailedError: reading failed. If topics must be named, the error lists them.
+    """
     try:
         with session.progress("Reading the recording") as progress:
             view = session.client.wait(recording, on_progress=progress)

@@ -97,7 +97,7 @@ def solve(
         machine_marks: The machine marks and nobody looks. With --board and few poses it marks all four corners.
         yes: Do not ask whether to use the clock offset that the times of recording tell.
         fleet: Fleet, by name; a new name makes one.
-        vehicle: Vehicle, by name; a new name makes one. Without it, it is called as the recording's file.
+        vehicle: Vehicle, by name; a new name makes one. Otherwise it bears the name of the recording's file.
     """
     check_target(output, force)
     detect.board_options(board, corner)
@@ -163,10 +163,13 @@ def solve(
 
 
 def _ask_all_corners(session: Session, detection: DetectionView) -> bool:
-    """Have all corners of the board marked where its tips alone are too few pairs; False where no size tells them.
+    """Have all corners of the board marked if its tips alone are too few pairs.
 
-    What few tips share (how far out the edges seem, the board's shape) is no scatter, so that nothing shows it.
-    Opposite corners of one pose have it with opposite signs.
+    The tips of a recording share errors: of the edges' blooming and of the board's shape. Few tips do not show them,
+    because such errors do not scatter; opposite corners of one pose have them with opposite signs.
+
+    Returns:
+        Whether they are marked. Without the board's size the detection knows no other corners.
     """
     if detection.counts.accepted >= _SUFFICIENT:
         return False
@@ -180,7 +183,7 @@ def _ask_all_corners(session: Session, detection: DetectionView) -> bool:
 
 
 def _left_undone(*, board: str, has_lens: bool, machine_marks: bool) -> list[str]:
-    """What this command could have been told besides, in sentences with their options."""
+    """Return sentences, each with an option, about the statements that would make the result better."""
     undone = {
         "State the board's size: --board WIDTHxHEIGHT.": bool(board),
         "State the camera's lens: --intrinsics FILE.": has_lens,
@@ -190,9 +193,9 @@ def _left_undone(*, board: str, has_lens: bool, machine_marks: bool) -> list[str
 
 
 def _people_mark(session: Session, detection: str, camera: str, *, is_own: bool) -> None:
-    """Say where a person confirms the machine's marks, or marks, and wait for it. Ctrl-C says how to go on.
+    """Say where a person confirms the machine's marks, or marks, and wait for them. Ctrl-C says how to go on.
 
-    It is enough if all marks of the machine were looked at, or so many vertices marked.
+    The wait ends when people have looked at all marks of the machine, or have marked as many vertices as it takes.
     """
     marking = session.client.marking
     of_machine = marking.crop_progress(detection, camera).marks

@@ -1,4 +1,4 @@
-"""Exports: the table of formats, a URDF to patch, and all that a vehicle is given."""
+"""Exports: the table of formats, a URDF to patch, and the calibrations of all cameras of a vehicle."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from pydantic import Field
 from apexcal.documents.base import Received, Sent
 from apexcal.documents.summaries import CurrentCalibration
 
-# With every answer for a whole vehicle, in each format: the id of the vehicle that it is of.
+# Header with the vehicle's id, in every answer for a whole vehicle and in each format.
 VEHICLE_HEADER = "Apexcal-Vehicle"
 Link = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class FormatView(Sent):
-    """A format: which way its transform leads, and what of a lens it carries; ``lenses`` is empty for mounts alone.
+    """A format: the direction of its transform, and the lenses that it carries (none if it has mounts alone).
 
-    ``media_type`` is its name in an Accept header; an answer's type says with ``+`` what its bytes are.
+    ``media_type`` asks for it in an Accept header. The media type of an answer also names the kind of its bytes,
+    after a ``+``.
     """
 
     name: str
@@ -34,11 +35,10 @@ class FormatView(Sent):
 
 
 class UrdfRequest(Received):
-    """A vehicle's URDF file, and the fixed joint of it that is to be as calibrated.
+    """A vehicle's URDF file, and the fixed joint that takes the calibrated pose.
 
-    Or Autoware's ``sensor_kit_calibration.yaml`` (``sensors_calibration.yaml``), and the entry that is the child.
-
-    The links of the camera's optical frame and of the LiDAR are named like their frames, where nothing else is said.
+    In place of a URDF it may be Autoware's ``sensor_kit_calibration.yaml`` or ``sensors_calibration.yaml``; the joint
+    is then the child's entry. Unless stated, the links of camera and LiDAR bear the names of their frames.
     """
 
     urdf: Annotated[str, Field(max_length=250_000)]
@@ -48,7 +48,7 @@ class UrdfRequest(Received):
 
 
 class VehicleCalibration(Sent):
-    """What all cameras of a vehicle are given, by camera; ``without`` names those that nothing was published for.
+    """The published calibrations of a vehicle, by camera; ``without`` names the cameras that have none.
 
     ``as_of`` is null for now.
     """

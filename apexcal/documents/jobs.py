@@ -25,9 +25,9 @@ class JobProgress(Document):
 
 
 class WorkerStanding(Sent):
-    """How many workers answer, and the kinds of jobs that wait because none of these takes them.
+    """How many workers answer, and the kinds of waiting jobs that none of these workers takes.
 
-    A worker answers until it has been silent for 8 s, also while it compiles its kernels.
+    A worker counts as answering until it has been silent for 8 s. It also answers while it compiles its kernels.
     """
 
     answering: int

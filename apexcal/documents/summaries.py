@@ -1,4 +1,4 @@
-"""The summary of a calibration, its models and cameras side by side, and what a vehicle is given of it."""
+"""The summary of a calibration: its models and cameras side by side; and the calibration that a vehicle gets."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from apexcal.documents.transforms import SolvedTransform
 
 
 class Behind(Document):
-    """How far a model is behind the likeliest one on held-out pairs; standard errors are of the blocks.
+    """How far a model is behind the likeliest one on held-out pairs.
 
-    ``within_noise``: the difference of their log likelihoods is below 4.
+    Standard errors come from the scatter between blocks of pairs. ``within_noise``: log likelihoods differ by less
+    than 4.
     """
 
     px: float
@@ -32,9 +33,9 @@ class Behind(Document):
 
 
 class BetweenModels(Document):
-    """What a result states with the spread of the models added, and the models' weights by held-out pairs.
+    """Deviations, intervals and prediction of a result with the spread between models, and the models' weights.
 
-    ``std`` are the roots of the covariance's diagonal.
+    ``weights`` follow from held-out pairs. ``std`` are the roots of the covariance's diagonal.
     """
 
     weights: dict[str, float]
@@ -44,7 +45,7 @@ class BetweenModels(Document):
     prediction: Prediction | None
 
     def members(self) -> dict[str, Any]:
-        """Return the members of a result that these replace, as JSON."""
+        """Return, as JSON, the members that replace those of the result."""
         return self.model_dump(mode="json", exclude={"weights"})
 
 
@@ -52,7 +53,7 @@ class ModelSummary(Document):
     """A model's fit to all pairs of a camera, and its errors on held-out ones.
 
     ``verdict`` is the gravest of its checks when the calibration ended, for the mount with its lens;
-    ``verdict_alone`` that for who uses the mount with another lens. ``behind`` says how far it is behind the
+    ``verdict_alone`` is the gravest for the mount with another lens. ``behind`` says how far it is behind the
     model under which held-out pairs are likeliest. ``weight`` is its share among the models, ``heldout_sigma_px``
     the noise per coordinate of held-out pairs without wrong marks, ``heldout_forbidden`` how many have no projection.
     ``stated_lens`` says in a sentence how well a stated lens fits.
@@ -89,7 +90,7 @@ class ModelSummary(Document):
 
     @property
     def stages(self) -> dict[str, Errors]:
-        """The errors of search, polish and baseline, of those that there are."""
+        """Return the errors by stage: search, polish and, if it was computed, baseline."""
         stages = {"ga": self.ga, "polished": self.polished}
         return stages | ({"baseline": self.baseline} if self.baseline else {})
 
@@ -144,7 +145,7 @@ class SharedVertices(Document):
 
 
 class CameraPair(Document):
-    """Two cameras of a rig held against each other; ``transform`` is T_a_b, null where a mount is not determined.
+    """The comparison of two cameras of a rig; ``transform`` is T_a_b, null if a mount is not determined.
 
     Deviations are of small turns about camera a's axes in degrees, and of t in millimetres.
     """
@@ -162,7 +163,7 @@ class CameraPair(Document):
 
 
 class RigSummary(Document):
-    """Every two cameras of a rig compared; ``problem`` says why they could not be."""
+    """The comparisons of every two cameras of a rig; ``problem`` says why there are none."""
 
     pairs: list[CameraPair]
     alarms: list[str]
@@ -177,7 +178,7 @@ class Summary(Document):
     rig: RigSummary | None
 
     def model(self, camera: str, model: str | None) -> ModelSummary | None:
-        """Return what is summarised of a model of a camera; None if it was not fitted."""
+        """Return the summary of a camera's model; None if the model was not fitted."""
         of_camera = self.cameras.get(camera)
         return None if of_camera is None else of_camera.models.get(model or "")
 
@@ -213,7 +214,7 @@ class Validity(Document):
 
 
 class CurrentCalibration(Sent):
-    """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
+    """The calibration that a vehicle's camera gets: intrinsics, transforms with both frames named, and quality.
 
     ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``, ``T_parent_child`` if it states the camera's
     ``joint``: the child's pose in its parent. ``clock_offset_ns`` is the camera's clock

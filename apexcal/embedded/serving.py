@@ -1,4 +1,4 @@
-"""The service on a folder of this machine: the one that runs already, or one started for the time of a block."""
+"""The service on a folder of this machine: one that runs already, or one that runs for the time of a block."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WORKERS = 2
 
 
 class LocalService(NamedTuple):
-    """Address, the owner's token, and a one-time link that signs the owner in where the service was started here."""
+    """Address, the owner's token, and the owner's one-time sign-in link if the service was started here."""
 
     url: str
     token: str

@@ -76,7 +76,7 @@ def list_of_fleets(
 def read(analysis_id: UUID, access: ReadAccess, request: Request) -> AnyAnalysis:
     """An analysis: `result` is there when it is done, `problem` when it failed.
 
-    Of pairs made of marks only reviewers see single ones, and what they answer afterwards on their vertices counts as
+    If pairs were made of marks, only reviewers see single pairs. Their later answers on these vertices count as
     reviewed.
     """
     row = access.find(Analysis, analysis_id)
@@ -96,12 +96,12 @@ def delete(analysis_id: UUID, access: WriteAccess) -> Response:
 
 @router.get("/analyses/{analysis_id}/marks", operation_id="analyses.list_marks")
 def get_marks(request: Request, analysis_id: UUID, access: ReadAccess) -> MarksList:
-    """The machine's marks. [reviewer] What one answers on their vertices afterwards counts as reviewed."""
+    """The machine's marks. [reviewer] Later answers of the reader on these vertices count as reviewed."""
     return list_marks(access, request.app.state.database, analysis_id)
 
 
 def _file(analysis_id: UUID, request: Request, identity: CurrentIdentity) -> AnalysisDownload:
-    """The session ends here, before any byte is read."""
+    """Find the file. The session ends with this dependency, before any byte is read."""
     with brief_access(request, identity) as access:
         return analysis_file(access, request.app.state.database, analysis_id)
 
@@ -115,8 +115,8 @@ async def get_file(
 ) -> Response:
     """The file of a calibrated copy [engineer] or of a report [reviewer, if its pairs are made of marks].
 
-    A report is one HTML file that needs nothing else. It shows single pairs: what one answers afterwards on their
-    vertices counts as reviewed.
+    A report is one HTML file that needs nothing else. It shows single pairs, so the reader's later answers on their
+    vertices count as reviewed.
     """
     etag = content_etag(file.key.rpartition("/")[2].partition(".")[0])
     conditions.offer(etag)

@@ -1,4 +1,4 @@
-"""What people said of a detection's vertices, and the answers that a person may see."""
+"""Counts of the answers on a detection's vertices, and the answers that a person may see."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from service.platform.db.people import Person
 
 
 def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
-    """What people said of a detection's vertices in one camera, in numbers."""
+    """Count the answers on a detection's vertices in one camera."""
     reviewed = func.sum(case((is_reviewed(), 1), else_=0))
     by_machine = func.sum(case((MARK.machine_sigma_px.is_not(None), 1), else_=0))
     columns = (VERDICT.person_id, VERDICT.verdict, func.count(), reviewed, by_machine)
@@ -42,7 +42,7 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
 
 
 def answered_sweeps(session: Session, detection_id: UUID, camera_id: UUID, person_id: UUID) -> AnsweredSweeps:
-    """The sweeps of the vertices that anybody, and that the person, has answered in one camera, in order."""
+    """Return the sweeps with answers in one camera, in order: those of anybody, and those of the person."""
     is_own = func.max(case((VERDICT.person_id == person_id, 1), else_=0))
     rows = session.execute(
         answers_of(detection_id, camera_id, Vertex.sweep_index, is_own)
@@ -53,14 +53,14 @@ def answered_sweeps(session: Session, detection_id: UUID, camera_id: UUID, perso
 
 
 def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:
-    """Everybody's opinions on each judged vertex of a detection, in one camera.
+    """Return everybody's opinions on each judged vertex of a detection, in one camera.
 
-    Whoever confirmed the machine's mark has an opinion without a mark: the mark is the machine's opinion, one of a
-    vertex, however many confirmed it.
+    A person who confirmed the machine's mark has an opinion without a mark. The mark counts once as the machine's
+    opinion, however many people confirmed it.
     """
     opinions: dict[UUID, list[Opinion]] = defaultdict(list)
     columns = (Vertex.id, VERDICT.verdict, MARK.u, MARK.v, MARK.machine_sigma_px, MARK.crop_side_px)
-    # The newest of the machine's marks last: another run of it may have moved one.
+    # The machine may have run twice and moved a mark: the newest mark comes last, and counts.
     statement = answers_of(detection_id, camera_id, *columns, is_reviewed(), VERDICT.person_id).order_by(MARK.id)
     machine: dict[UUID, Opinion] = {}
     for vertex_id, verdict, u, v, sigma_px, side_px, reviewed, person in session.execute(statement):
@@ -76,17 +76,17 @@ def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[U
 
 
 def is_reviewed() -> ColumnElement[bool]:
-    """Whether an answer of :func:`answers_of` was given after something of others' was told to its person."""
+    """Return whether the person of an answer of :func:`answers_of` knew others' answers when they gave it."""
     return or_(VERDICT.reviewed, and_(VERDICT.verdict == "confirmed", MARK.reviewed))
 
 
 def visible_answers(
     detection_id: UUID, camera_id: UUID, person_id: UUID, per_vertex: int, *, everyone: bool
 ) -> Select[*tuple[Any, ...]]:
-    """Answers with their parts: all of them, or a person's own and those on vertices that are complete for them.
+    """Select answers with their parts: all of them, or those that a person may see.
 
-    That is, which they confirmed or rejected, and which have as many answers as ``per_vertex``: nobody
-    is asked about such a vertex any more.
+    A person sees their own answers, and others' on vertices that are complete for them: they confirmed or rejected
+    the vertex, and it has ``per_vertex`` answers, so nobody is asked about it any more.
     """
     first_told = (
         select(func.min(Disclosure.told_at))

@@ -1,7 +1,7 @@
-"""Which vertices a person gets next, and the leases on them.
+"""Hand out vertices to people, under leases.
 
-Under the person's lock and those of the apexes: people who ask at the same moment never take more vertices than
-wanted. They share the recording's lock, so that nothing reopens vertices meanwhile.
+The person and the apexes are locked, so people who ask at the same moment never take more vertices than wanted. They
+share the recording's lock, so nothing reopens vertices meanwhile.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from service.platform.db.recordings import Sensor
 from service.platform.db.session import upserting
 from service.platform.http.problems import not_found
 
-# Leases ahead run out a little earlier, one after the other, so their holder gets them in the same order again.
+# Leases of tasks ahead end half a second apart. So whoever lost them gets the tasks in the same order again.
 _APART = timedelta(seconds=0.5)
-# Tasks ahead that bridge a slow network. More are for a person without a network, if others have enough.
+# Five tasks ahead bridge a slow network. More serve people without a network, as long as others have enough.
 _FEW = 5
 
 
@@ -41,12 +41,14 @@ def next_tasks(
     ahead: int = 0,
     vertex_id: UUID | None = None,
 ) -> list[Subject]:
-    """The tasks that the person holds with fresh leases, and newly leased ones, until there are ``1 + ahead``.
+    """Return up to ``1 + ahead`` tasks: those that the person holds, with renewed leases, then newly leased ones.
 
-    Fewer where so many are not left for them; beyond five ahead, half of their share of what is open. What they
-    skipped, or let the lease of run out, comes again after everything that they have not seen. The task named by
-    ``skip`` is given back and not returned by this call.
-    ``vertex_id`` comes first. Raises :class:`Problem` 404 where the detection has no such vertex in the camera.
+    Beyond five ahead a person gets at most half of their share of the open vertices. Vertices that they skipped, or
+    whose lease ran out, come again after all that they have not seen. The task ``skip`` is given back and not
+    returned by this call. ``vertex_id`` comes first.
+
+    Raises:
+        Problem: 404 if the detection has no such vertex in the camera.
     """
     clock = lock_person(session, person_id)
     corners = marked_corners(detection)
@@ -121,9 +123,9 @@ def _leasing(dialect: str) -> Any:
 
 
 def reopen(session: Session, person_id: UUID, recording_id: UUID, apex_id: UUID) -> None:
-    """Say that an apex takes answers again; before anything that refers to the recording is written.
+    """Open an apex to answers again. Callers do this before they write a row that refers to the recording.
 
-    The person's tasks on it in all cameras and detections count as not answered.
+    The person's tasks on the apex, in all cameras and detections, count as not answered.
     """
     lock_recording(session, recording_id)
     gone = delete(MarkingFrontier).where(MarkingFrontier.recording_id == recording_id)

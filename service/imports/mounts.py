@@ -34,7 +34,7 @@ _OTHERS: Final = frozenset(
     )
 )
 _UNDIRECTED: Final = ("T", "rvec", "tvec", "extrinsic", "extrinsics", "extrinsic_parameters", "ExtrinsicMat")
-# Longer ones would be parted in every way that they can be.
+# A name is split at each of its underscores, so longer names would take long.
 _LONGEST_NAME: Final = 100
 _OURS: Final = "T_camera_lidar"
 AS_MOUNT: Final = (
@@ -51,7 +51,7 @@ class Pose(NamedTuple):
 
 
 def sends_into_camera(name: str) -> bool | None:
-    """Whether a transform of this name maps LiDAR points into the camera; None where the name says neither."""
+    """Return whether a transform of this name maps LiDAR points into the camera; None if the name does not tell."""
     if len(name) > _LONGEST_NAME:
         return None
     if name == "CameraExtrinsicMat":
@@ -67,12 +67,12 @@ def sends_into_camera(name: str) -> bool | None:
 
 
 def is_of_vehicle(name: str) -> bool:
-    """Whether a name has the word of a frame that is neither a LiDAR's nor a camera's."""
+    """Return whether a name has a word for a frame that is neither a LiDAR's nor a camera's."""
     return bool(words(name) & _OTHERS)
 
 
 def _ends(to: str, of: str) -> str | None:
-    """Where a transform leads: to the ``camera`` or to the ``lidar``; None if it is not between the two."""
+    """Return the end of a transform between both sensors: ``camera`` or ``lidar``; None for any other transform."""
     into, source = _role(to), _role(of)
     return into if {into, source} == {"camera", LIDAR} else None
 
@@ -84,7 +84,7 @@ def _role(name: str) -> str | None:
 
 
 def with_mounts(contents: Contents, document: Block) -> Contents:
-    """What a file holds, with the mounts that its names or its ROS transforms state.
+    """Return a file's contents with the mounts that its names or its ROS transforms state.
 
     Raises:
         Problem: 422 ``calibration_file_not_read``.
@@ -120,12 +120,12 @@ def with_mounts(contents: Contents, document: Block) -> Contents:
 
 
 def is_pose(document: Block) -> bool:
-    """Whether a whole document is one transform, whose direction its file's name may state."""
+    """Return whether a whole document is one transform. The file's name may state its direction."""
     return _pose(document) is not None
 
 
 def _is_turn_beside_shift(name: str, block: Block) -> bool:
-    """Whether a member is a rotation with a translation beside it, as R3LIVE's ``camera_ext_R``, ``camera_ext_t``."""
+    """Return whether a member is a rotation beside a translation: R3LIVE's ``camera_ext_R``, ``camera_ext_t``."""
     turn = np.reshape(numbers, (3, 3)) if len(numbers := vector(block[name]) or ()) == 9 else np.zeros((3, 3))
     is_turn = np.allclose(turn @ turn.T, np.eye(3), atol=1e-2) and name not in ("Rcl", "R")
     shifts = (other for other in block if other[:-1] == name[:-1] and len(vector(block[other]) or ()) == 3)
@@ -133,7 +133,7 @@ def _is_turn_beside_shift(name: str, block: Block) -> bool:
 
 
 def _joined(cameras: Sequence[FileCamera], mounts: Mapping[str, SE3], notes: list[str]) -> list[FileCamera]:
-    """Cameras with their mounts: the only camera has the only mount, else a camera's name stands in the mount's."""
+    """Give each camera its mount: the mount whose name holds the camera's, or the only mount to the only camera."""
     if not cameras:
         names = ["camera"] if len(mounts) == 1 else list(mounts)
         return [FileCamera(name[:200], T_camera_lidar=T) for name, T in zip(names, mounts.values(), strict=True)]
@@ -157,7 +157,10 @@ def _mount(name: str, into_camera: bool, pose: Pose, document: Block) -> SE3:
 
 
 def _of_ros(block: Block) -> SE3 | None:
-    """T_camera_lidar of a TransformStamped with a LiDAR's frame; the other is a camera's, if it is not the car's."""
+    """Return T_camera_lidar of a TransformStamped between a LiDAR's frame and a camera's; None for others.
+
+    A frame whose name names no sensor and no part of the vehicle counts as the camera's.
+    """
     header, child = block.get("header"), block.get("child_frame_id")
     parent = header.get("frame_id") if isinstance(header, dict) else block.get("frame_id")
     pose = _pose(block.get("transform"))

@@ -32,7 +32,7 @@ def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[s
         Problem: 422 ``unknown_camera``, where a topic is given for a camera that the rig does not have.
     """
     names = set(session.scalars(select(RigCamera.name).where(RigCamera.rig_id == rig_id)))
-    # A rig without cameras gets those that are named here.
+    # A rig without cameras gets the cameras that the reading names.
     strange = sorted(set(reading.topics.cameras) - names) if names else []
     if strange:
         raise unprocessable(
@@ -45,7 +45,7 @@ def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[s
 
 
 def parts_of(session: Session, row: Recording) -> Sequence[UploadPart]:
-    """A recording's acknowledged parts in order."""
+    """Return a recording's acknowledged parts in order."""
     return session.scalars(
         select(UploadPart).where(UploadPart.recording_id == row.id).order_by(UploadPart.number)
     ).all()
@@ -78,12 +78,16 @@ def require_ready(recording: Recording) -> None:
 
 
 def lidar_of(session: Session, recording_id: UUID) -> Sensor:
-    """The LiDAR of a recording that was read."""
+    """Return the LiDAR of a recording that was read."""
     return session.scalars(select(Sensor).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")).one()
 
 
 def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
-    """A recording's camera by its name in the rig. Raises :class:`Problem` 404 ``unknown_camera`` naming those."""
+    """Return a recording's camera by its name in the rig.
+
+    Raises:
+        Problem: 404 ``unknown_camera``, with the names of its cameras.
+    """
     return named_camera(session.scalars(_CAMERAS, {"recording": recording_id}).all(), name, "The recording")
 
 

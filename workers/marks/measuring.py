@@ -28,7 +28,7 @@ CornerKey = tuple[int, CornerName]
 
 @dataclass(frozen=True, eq=False)
 class MarkTask:
-    """What one recording's camera gives, and what is asked of it."""
+    """The frames and sights of one camera of a recording, and the corners to mark in them."""
 
     frames: FrameSource
     sights: Sequence[Sight]
@@ -40,7 +40,7 @@ class MarkTask:
     offset_s: float = 0.0
 
     def at(self, offset_s: float) -> MarkTask:
-        """The same with the camera's clock so far ahead of the pairing's, in seconds."""
+        """Return the task for a camera clock that is ``offset_s`` seconds ahead of the pairing's."""
         return replace(self, sights=at_clock(self.sights, offset_s - self.offset_s), offset_s=offset_s)
 
 
@@ -56,12 +56,14 @@ def measure(
     changes: list[Floats] | None = None,
     besides: dict[CornerKey, Beside] | None = None,
 ) -> dict[int, Measured]:
-    """The corners of these sights.
+    """Measure corners in the frames of the sights with these indices.
 
     Args:
-        outward_m: how far outside of its own corners the camera sees the board's.
-        changes: gets what `changes_outside` says of each measured corner.
-        besides: gets what `look_beside` says of each.
+
+
+        outward_m: the camera sees the board's corners this far outside of those that the LiDAR sees.
+        changes: the result of `changes_outside` for each measured corner is appended to it.
+        besides: the result of `look_beside` for each measured corner is put into it.
     """
     found: dict[int, Measured] = {}
     ordered = sorted(indices, key=lambda index: task.sights[index].frame)
@@ -93,7 +95,7 @@ def measure(
 
 
 def with_alternatives(measured: dict[int, Measured], besides: dict[CornerKey, Beside]) -> dict[int, Measured]:
-    """The same, with the mixtures of the corners that were seen."""
+    """Return the measured corners, with the mixture over its edges for each that was seen."""
     fits: dict[CornerKey, CornerFit] = {}
     for index, corners in measured.items():
         fits |= {(index, name): fit for name, fit in corners.items() if isinstance(fit, CornerFit)}
@@ -108,7 +110,10 @@ def _edge(camera: MountedLens, start: Floats, end: Floats) -> Curve:
 
 
 def _px_per_m(camera: MountedLens, corner: Floats, end: Floats, other: Floats) -> Floats:
-    """(2,) pixels across the edge from the corner to its end, for a metre outward: at the corner, at the end."""
+    """Return (2,) pixels that a metre outward takes, across the edge from the corner to its end.
+
+    The first value holds at the corner, the second at the end.
+    """
     outward = (corner - other) * _STEP_M / np.linalg.norm(corner - other)
     pixels = camera.pixels(np.array([corner, end, corner + outward, end + outward]))
     along = (pixels[1] - pixels[0]) / max(float(np.hypot(*(pixels[1] - pixels[0]))), 1e-9)

@@ -1,6 +1,6 @@
-"""The end of a calibration: its models compared, its cameras compared, its results judged.
+"""Conclude a calibration: compare its models and its cameras, and judge its results.
 
-The process whose run ends last does it with what it has in hand, a job of its own where no run ended so.
+The process whose run ends last concludes with the data that it has in memory. Otherwise a job of its own concludes.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ _CONFIRMED: Final = MARKS_CONFIRMED.name
 
 
 class _Current(NamedTuple):
-    """What a camera is given while its new results are judged, as published, and the summary of its model."""
+    """The camera's published result at the time of judging, and the summary of its model."""
 
     result: Result
     published: FitResult
@@ -94,7 +94,7 @@ class _Current(NamedTuple):
 
 
 class _Judged(NamedTuple):
-    """A fit to all pairs, as it is published, with the checks of its calibration, and the current result then."""
+    """A fit to all pairs in its published form, the checks of its calibration, and the current result's id."""
 
     result: Result
     published: FitResult
@@ -106,7 +106,7 @@ class _Judged(NamedTuple):
 
     @property
     def columns(self) -> Json:
-        """What is written of it."""
+        """Return the columns that are written."""
         checks, verdict = [check.model_dump(mode="json") for check in self.checks], self.verdict("mount_with_lens")
         middle = self.published.prediction and self.published.prediction.middle_at(20.0)
         return {
@@ -121,7 +121,7 @@ class _Judged(NamedTuple):
 class LastRun(NamedTuple):
     """A run that ends in this process, and its result, which is not stored yet.
 
-    ``searches``: run, worker and seconds of what is not stored of its search either.
+    ``searches``: run, worker and seconds of those parts of its search that are not stored yet.
     """
 
     run: Any
@@ -130,7 +130,7 @@ class LastRun(NamedTuple):
 
 
 class LastConclusion(NamedTuple):
-    """A calibration's conclusion by its last run, and when each of the others had ended. None while some have not."""
+    """A calibration's conclusion by its last run, and when each other run ended; None if some have not ended."""
 
     conclusion: Conclusion | None = None
     ended: Mapping[UUID, datetime] = MappingProxyType({})
@@ -144,9 +144,10 @@ def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session]
 
 
 def conclude_by(context: Context, last: LastRun, stop: Stop) -> LastConclusion:
-    """Summarise and judge a calibration with what its last run came to.
+    """Summarise and judge a calibration with the result of its last run.
 
-    Where judging fails there is no conclusion, so that the run's result is stored: a job judges again, and says why.
+    If judging fails, there is no conclusion, and the run's result is stored all the same. A job then judges again and
+    reports the failure.
     """
     try:
         return _concluded(context, last.run.calibration_id, last, stop)
@@ -228,13 +229,13 @@ def _judge(
         columns=pairs,
         confirming=confirming and _beside(published, confirming),
     )
-    # What a check of the fit says of its interval holds for the published one.
+    # The fit was judged by its own interval; the published interval is wider and is judged again.
     own = [mount_alone(published)] if spread else []
     return _Judged(result, published, [*own, *checks, other_data_check(elsewhere)], current and current.result.id)
 
 
 def _beside(published: FitResult, current: _Current) -> CurrentResult:
-    """What the vehicle has, and how far this fit is from it."""
+    """Return a result that the vehicle has, and how far this fit is from it."""
     result, standard, summary = current
     return CurrentResult(
         result=standard,
@@ -272,7 +273,7 @@ def _confirming(session: Session, vehicle_id: UUID, camera: str) -> _Current | N
 
 
 def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results of each camera that has a fit to all its pairs."""
+    """Return results by camera, for each camera with a fit to all its pairs."""
     cameras: dict[str, list[Result]] = defaultdict(list)
     for result in results:
         cameras[result.camera].append(result)
@@ -282,11 +283,11 @@ def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
 def _fits(
     session: Session, calibration: UUID, cameras: Mapping[str, Sequence[Result]], last: LastRun | None
 ) -> dict[str, list[CameraFit]]:
-    """Each camera's fits, with the seconds of their searches and who did them."""
+    """Return each camera's fits, with the seconds and the workers of their searches."""
     seconds: dict[UUID, float] = defaultdict(float)
     workers: dict[UUID, list[str]] = defaultdict(list)
     unstored = last.searches if last else ()
-    # Only the last run's own are not stored.
+    # The only search is the last run's own, of which nothing is stored.
     alone = unstored and sum(map(len, cameras.values())) == 1
     stored = () if alone else session.connection().execute(_SEARCHES, {"calibration": calibration}).all()
     for run_id, worker, spent in (*stored, *unstored):
@@ -307,7 +308,7 @@ def _fits(
 def _compared(
     solved: Sequence[SolvedCamera], stated: Sequence[StatedTransform], summaries: Mapping[str, CameraSummary]
 ) -> RigSummary:
-    """Every two cameras compared by their recommended results; cameras without one are left out, with a sentence."""
+    """Compare every two cameras by their recommended results; a sentence names cameras without one."""
     left_out = [
         f"{camera} is not compared with the others: no model is recommended for it."
         for camera, summary in summaries.items()
@@ -329,7 +330,7 @@ def _solved_cameras(
     summaries: Mapping[str, CameraSummary],
     stop: Stop,
 ) -> list[SolvedCamera]:
-    """Each camera's recommended result with the pairs that it was fitted to; none of a rig with one camera."""
+    """Return each camera's recommended result with its pairs; nothing for a rig with one camera."""
     if len(cameras) < 2:
         return []
     rows = session.execute(
@@ -353,7 +354,7 @@ def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop:
 
 
 def _stated(session: Session, calibration: Calibration) -> list[StatedTransform]:
-    """T_cameraA_cameraB by the nominal mounts of every two cameras, and as the rig knows it otherwise."""
+    """Return T_cameraA_cameraB by the nominal mounts of every two cameras, and by the rig's `camera_transforms`."""
     rig = session.get_one(Rig, calibration.rig_id)
     nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
     stated = [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [

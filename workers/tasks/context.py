@@ -1,4 +1,4 @@
-"""What a worker process holds while it lives: its database, its store, its name. Made after the fork.
+"""The database, store and name that a worker process keeps for its life. They are made after the fork.
 
 Scratch folders of processes that died before they could remove them are removed here.
 """
@@ -51,7 +51,7 @@ class Context:
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
-        """A folder that is gone after the block; what a killed worker left is removed by the sweep."""
+        """Yield a folder that is removed after the block. `remove_leftovers` removes those of killed workers."""
         self.settings.scratch.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=scratch_prefix(), dir=self.settings.scratch))
         try:
@@ -60,7 +60,7 @@ class Context:
             shutil.rmtree(folder, ignore_errors=True)
 
     def fetch(self, key: str, folder: Path) -> Path:
-        """A blob as a local file: the store's own where it is a folder, else a copy in ``folder``."""
+        """Return a blob as a local file: the store's own file if the store is a folder, else a copy in ``folder``."""
         local = self.store.local_path(key)
         if local:
             return local
@@ -82,7 +82,7 @@ _SEPARATOR = "+"
 
 
 def scratch_prefix() -> str:
-    """What the names of this process's scratch folders begin with: several hosts may share the data folder."""
+    """Return the prefix of this process's scratch folders. Several hosts may share the data folder."""
     return _SEPARATOR.join((_host(), str(os.getpid()), ""))
 
 

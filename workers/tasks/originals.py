@@ -1,4 +1,4 @@
-"""An upload as one file again, and what a process that reads it may take."""
+"""Join the parts of an upload to one file, and limit the process that reads it."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ _REPORT_EVERY = 50
 
 
 def lidar_key(session: Session, recording_id: UUID | None) -> str:
-    """Blob key of a recording's LiDAR."""
+    """Return the blob key of a recording's LiDAR."""
     return session.scalars(
         select(Sensor.blob_key).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")
     ).one()
 
 
 def said_still(session: Session, recording_id: UUID | None) -> bool:
-    """Whether the owner said that a recording holds still poses."""
+    """Return whether the owner said that a recording holds still poses."""
     return session.get_one(Recording, recording_id).reading.get("point_times") == "stamp_only"
 
 
 def open_lidar(context: Context, key: str, folder: Path) -> SweepFile:
-    """The LiDAR of a recording, from the store's folder or a copy in ``folder``."""
+    """Open the LiDAR of a recording, in the store's folder or as a copy in ``folder``."""
     return SweepFile(context.fetch(key, folder))
 
 
 def watched(lidar: SweepFile, sweeps: range, lease: Lease, message: str) -> Iterator[Sweep]:
-    """The sweeps of a range, with progress reported and the lease looked at along the way."""
+    """Yield the sweeps of a range; report progress and check the lease at each."""
     for number, sweep in enumerate(lidar.sweeps(sweeps.start, sweeps.stop)):
         lease.check()
         if number % _REPORT_EVERY == 0:
@@ -53,7 +53,7 @@ def watched(lidar: SweepFile, sweeps: range, lease: Lease, message: str) -> Iter
 
 
 def require_room(context: Context, free: int | None, size: int) -> None:
-    """Raises :class:`ReadError` ``ingest_disk_full`` where so many bytes would leave less free than is kept free."""
+    """Raise :class:`ReadError` ``ingest_disk_full`` if ``size`` bytes would leave less than `min_free_bytes` free."""
     if free is not None and free - size < context.settings.min_free_bytes:
         raise ReadError("ingest_disk_full", f"There is no room for {size} bytes.", "Make room, then try again.")
 
@@ -61,10 +61,10 @@ def require_room(context: Context, free: int | None, size: int) -> None:
 def store_files(
     context: Context, files: Mapping[str, Path], reserve: Callable[[Mapping[str, int]], Mapping[str, str]]
 ) -> dict[str, tuple[str, int]]:
-    """Put files into the store. Returns the key and the size of each.
+    """Put files into the store and return each one's key and size.
 
     Args:
-        reserve: keys of files of these sizes, in a transaction of its own, which may be done again.
+        reserve: takes sizes by name and returns keys, in a transaction of its own, which may be repeated.
 
     Raises:
         ReadError: ``fleet_quota_exceeded``, ``ingest_disk_full``.
@@ -79,12 +79,12 @@ def store_files(
 
 
 def camera_of(session: Session, recording_id: UUID | None, name: str) -> Sensor:
-    """A recording's camera by its name."""
+    """Return a recording's camera by its name."""
     return session.scalars(select(Sensor).where(Sensor.recording_id == recording_id, Sensor.name == name)).one()
 
 
 def watching(context: Context, recording: Recording, lease: Lease, message: str) -> Terms:
-    """How a child is watched that reads or writes this recording."""
+    """Return the terms under which a child that reads or writes this recording is watched."""
     return {
         "limits": reading_limits(context.settings, recording.size),
         "name": recording.file_name,
@@ -96,7 +96,7 @@ def watching(context: Context, recording: Recording, lease: Lease, message: str)
 
 
 def reading_limits(settings: Settings, size: int) -> Limits:
-    """Four fifths of the task's time are for the reading, the rest for joining the parts and storing the results."""
+    """Return the limits of a reading: four fifths of the task's time; the rest is for joining parts and storing."""
     wall_s = settings.ingest_wall_s + settings.ingest_wall_s_per_mib * size / MIB
     return Limits(
         memory_bytes=settings.ingest_memory_bytes,
@@ -112,7 +112,7 @@ def reading_limits(settings: Settings, size: int) -> Limits:
 
 
 def join_parts(context: Context, recording: Recording, folder: Path, lease: Lease) -> Path:
-    """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
+    """Join the parts to the original. The checksums of each part and of the whole must be those acknowledged."""
     source = folder / "original" / plain_name(recording.file_name)
     source.parent.mkdir()
     require_room(context, shutil.disk_usage(folder).free, recording.size)
@@ -138,7 +138,7 @@ def join_parts(context: Context, recording: Recording, folder: Path, lease: Leas
 
 
 def _require_same(what: str, actual: str, announced: str) -> None:
-    """Parts may come straight into the store, where nothing of ours looks at their bytes before this."""
+    """Refuse a part with another checksum. Clients may put parts into the store, which checks no SHA-256."""
     if actual != announced:
         raise ReadError(
             "checksum_mismatch",
@@ -149,5 +149,5 @@ def _require_same(what: str, actual: str, announced: str) -> None:
 
 
 def plain_name(file_name: str) -> str:
-    """The owner's name for the file where it is harmless: readers name sensors after it, and look at its end."""
+    """Return the owner's file name if it is harmless. Readers name sensors after it, and look at its suffix."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", file_name)[-100:].lstrip(".") or "recording"

@@ -46,7 +46,7 @@ _PICTURE_PX: Final = 1280
 
 
 def spread(places: Sequence[DriveFrame], count: int = FRAMES) -> list[DriveFrame]:
-    """At most so many of the frames, spread over all."""
+    """Return at most ``count`` of the frames, at even steps."""
     chosen = np.unique(np.linspace(0, len(places) - 1, count).round().astype(int))
     return [places[index] for index in chosen]
 
@@ -62,9 +62,11 @@ def watch(
     must_stop: Callable[[], None] = lambda: None,
     on_share: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Give a check the frames with the sweeps of their moments. ``must_stop`` and files as ``decoded_frames`` has.
+    """Give a check each frame with the sweep of its moment.
 
-    ``motion``: of these frames, where it is told already.
+    Args:
+        camera, scratch, must_stop: as `decoded_frames` takes them.
+        motion: the LiDAR's motion at these frames, if it is known already.
     """
     places, colour = [(offset, length) for _, offset, length in frames], isinstance(check, LaneCheck)
     images = decoded_frames(camera, places, scratch, colour=colour, widest=check.widest_px, must_stop=must_stop)
@@ -78,7 +80,7 @@ def watch(
 
 
 def drive_motion(lidar: SweepFile, calibration: KnownCalibration, frames: Sequence[DriveFrame]) -> DriveMotion:
-    """How the LiDAR moves at each of the frames."""
+    """Return how the LiDAR moves at each of the frames."""
     return DriveMotion.of(lidar, [stamp_ns for stamp_ns, *_ in frames], seen_after_ns(lidar, calibration))
 
 
@@ -158,7 +160,10 @@ def _deployed(inspection: Inspection, camera: InspectedSensor, of_rig: Camera) -
 
 
 def _of_files(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> KnownCalibration | str:
-    """The calibration that files state of a camera: of its size, and of its name where there are several."""
+    """Return the calibration that files state for the camera's image size, or a sentence that says what is missing.
+
+    If several have that size, the camera's name decides.
+    """
     fitting = [
         stated for stated in calibrations
         if stated.lens and stated.T_camera_lidar
@@ -180,7 +185,10 @@ def _of_files(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> Kn
 
 
 def _named(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> Sequence[ReadCamera]:
-    """Those of a camera's name or folder, else of its number: KITTI's image_02 is 02, P2, or rectified rect_02."""
+    """Return the calibrations with the camera's name or folder, else those with its number.
+
+    KITTI's image_02 is 02 or P2 and, if rectified, rect_02.
+    """
     names = {camera.name.lower(), *camera.topic.lower().split("/")}
     if named := [stated for stated in calibrations if stated.name.lower() in names]:
         return named

@@ -11,7 +11,7 @@ FrameSize = tuple[int, int]
 
 
 def usual_size(counts: Counter[FrameSize], stated: FrameSize | None) -> FrameSize:
-    """Return the size that the rig states, if any frame has it, else that of most frames."""
+    """Return the size that the rig states if any frame has it, else the size of most frames."""
     return stated if stated in counts and stated is not None else counts.most_common(1)[0][0]
 
 

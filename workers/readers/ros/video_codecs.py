@@ -1,4 +1,4 @@
-"""Which codec a message of video is of, by the name that it bears and by its first bytes."""
+"""The codec of a video message, by the name that the message states and by its first bytes."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _HEVC_FIRST: Final = frozenset((32, 33, 34, 35, 39))
 
 
 def decoder_of(codec: str) -> str | None:
-    """FFmpeg's decoder for a codec's name; None for a name that is of none of these."""
+    """Return FFmpeg's decoder for a codec's name; None for an unknown name."""
     name = codec.partition(";")[0].lower()
     return next((decoder for part, decoder in _DECODERS.items() if part in name), None)
 
 
 def codec_of_data(data: bytes, name: str) -> str:
-    """The codec of a message that may hold an image or a frame of video; empty for an image.
+    """Return the codec of a message that may hold an image or a frame of video; empty for an image.
 
     Args:
         data: the whole message.
-        name: what it says of its format.
+        name: the format that it states.
     """
     decoder = decoder_of(name)
     start = next((start for start in _STARTS if data.startswith(start)), None)

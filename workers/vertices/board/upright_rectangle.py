@@ -25,7 +25,8 @@ _STARTS = (1.0, 0.9, 0.5)
 _CLEAR = 7.6
 # With level edges each of these ten is equally likely the board, before its size counts.
 _ONE_OF_TEN = math.log(10.0)
-_MOST, _NEARLY_ALL = 0.96, 0.99  # of a board's returns: to the middle and to the end of the rim about it
+# Of a board's returns 96 % lie within the middle of the rim about it, 99 % within its outer end.
+_MOST, _NEARLY_ALL = 0.96, 0.99
 
 
 def is_clearly_a_board(board: BoardEstimate, model: BoardModel) -> bool:
@@ -34,21 +35,26 @@ def is_clearly_a_board(board: BoardEstimate, model: BoardModel) -> bool:
 
 
 def is_likelier_than_upright(board: BoardEstimate, model: BoardModel) -> bool:
-    """Return whether the board explains the rays better than upright rectangles do; a lowered board is one of these.
+    """Return whether the board explains the rays better than upright rectangles do.
 
-    With level edges a sign is such a board, too, but most of its returns are static.
+    A lowered board is an upright rectangle. A sign looks like a board with level edges, but most of its returns are
+    static.
     """
     if model.upper_corner and board.agreement.moving_share < MOST_ON_BOARD:
         return False
     if model.upper_corner and model.grid.scattered:
-        # No ray shows where a larger rectangle ends, so it explains all that a board does: returns must end as
-        # stated.
+        # Without rings no ray shows where a larger rectangle ends, so the rectangle explains as much as the board.
+        # The test is whether the returns end at the stated size.
         return rim_rad(board)[0] < BLOOMING_RAD[1]
     return board.agreement.evidence > upright_evidence(board, model) + (_ONE_OF_TEN if model.upper_corner else 0.0)
 
 
 def rim_rad(board: BoardEstimate) -> tuple[float, float]:
-    """Return the radians by which most returns reach beyond the edges, and nearly all beyond the worse pair."""
+    """Return how far the returns reach beyond the board's edges, in radians.
+
+    The first number holds for `_MOST` of the returns and all edges, the second for `_NEARLY_ALL` of them and the
+    worse pair of edges.
+    """
     mode = board.hold.likeliest
     x, y = board.plane.returns.hits - mode.mean[:2, None]
     cosine, sine = math.cos(mode.mean[2]), math.sin(mode.mean[2])
@@ -124,7 +130,7 @@ def _best_segment(at: Floats, gain: Floats) -> tuple[float, Ends, _Segment]:
 
 
 def _log_end_width(at: Floats, before: Floats, first: int, last: int) -> float:
-    """Return the log of the part of a metre in which each end of a segment may lie, summed over both ends.
+    """Return the log of the width in which an end of a segment may lie, over a metre, summed over both ends.
 
     Args:
         at: (N,) metres, rising; before: (N + 1,) sum of the gains of the rays before each.
