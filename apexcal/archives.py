@@ -1,4 +1,4 @@
-"""The files of a ZIP that the service made, read as if anybody had made it."""
+"""Read the files of a ZIP from the service, with the care that a stranger's ZIP needs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_BYTES = 64 * 2**20
 
 
 def read_archive(content: bytes) -> dict[str, bytes]:
-    """Return each file by its name. Every name leads into the folder that it is unpacked to.
+    """Return each file by its name. No name leads out of the folder that the archive is unpacked to.
 
     Raises ValueError, with what is wrong, for an archive that is damaged, empty, too large, or has other names.
     """

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 # T_camera_lidar of an upright camera that looks along the LiDAR's x axis; z of the optical frame leads forwards.
 _FORWARD = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _ANY_MOUNT_DEG = 180.0
-# A board of a metre is narrower than a return of any sensor from here on: half of the points farther are no metres.
+# Beyond this distance a board of a metre is narrower than the spacing of any sensor's returns. If half of the points
+# lie farther away, they are not in metres.
 _FARTHEST_MEDIAN_M = 150.0
 
 
@@ -40,14 +41,14 @@ def fit(
             long as the model's. None: the lens is fitted, too.
         T_camera_lidar: (4, 4) the mount as drawn. The search goes 30 degrees about it, ``rotation_range_deg`` says
             otherwise. None: any mount.
-        columns: what else is known of each pair, N values each: ``stamp_ns`` or ``group`` (pairs of one moment or
+        columns: further columns of the pairs, N values each: ``stamp_ns`` or ``group`` (pairs of one moment or
             pose), ``corner``, and with ``weights="covariances"`` ``sigma_azimuth_rad``, ``sigma_elevation_rad``,
             ``sigma_range_m``, ``sigma_px``.
-        request: what :func:`apexcal.documents.fit_requests.fit_request` takes besides: ``preset``, ``loss``,
+        request: other arguments of :func:`apexcal.documents.fit_requests.fit_request`: ``preset``, ``loss``,
             ``outliers``, ``bounds``, ``locked``, ``priors``, ``mark_sigma_px``, ``schedule``, ``seed`` ...
 
     Raises:
-        InputError: what is given makes no fit, for example too few pairs for the model, points in millimetres, or an
+        InputError: the arguments allow no fit, for example too few pairs for the model, points in millimetres, or an
             image size as (height, width).
 
     >>> result = apexcal.fit(points, pixels, (1920, 1200), model="pinhole")
@@ -124,7 +125,7 @@ def _check_units(pairs: dict[str, Any], width: int, height: int) -> None:
 
 
 def _parameters(model: Any, lens: Mapping[str, float] | tuple[ArrayLike, ArrayLike]) -> dict[str, float]:
-    """Every intrinsic parameter of the model, f and c in pixels. Raises InputError for what is no lens of it."""
+    """Return every intrinsic parameter of the model, f and c in pixels. Raise InputError for another lens."""
     import numpy as np
 
     from apexcal.documents.camera_models import CAMERA_MODELS

@@ -1,4 +1,4 @@
-"""What requests and answers about a fit to the marks of now look like."""
+"""Requests for, and answers about, a fit to a camera's present marks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PrecisionRequest(Received):
 
 
 class MarkingPrecision(Document):
-    """What a fit to the ``pairs`` of so many ``answered`` vertices states, and what would narrow it.
+    """The precision that a fit to ``pairs`` of ``answered`` vertices states, and what would improve it.
 
     ``error_20m_mm``: one standard deviation 20 m away in the middle of the image. ``doubts``: the checks of the fit
     that say ``look`` or ``stop``, the gravest first; if there is none, the marks are enough.
@@ -36,7 +36,7 @@ class MarkingPrecision(Document):
 
 
 class PrecisionView(AnalysisView):
-    """How good the calibration would be. While a newer fit is under way, ``result`` is that of the one before."""
+    """How good the calibration would be. While a newer fit is under way, ``result`` is the earlier fit's."""
 
     kind: Literal["precision"]
     result: Stored[MarkingPrecision | None]

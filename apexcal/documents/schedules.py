@@ -1,4 +1,4 @@
-"""The presets of a fit: the form of its search, how it treats its pairs, its schedule and the limits of that."""
+"""The presets of a fit: form of the search, treatment of pairs, schedule; and the limits of a schedule."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ Goal = Annotated[float, Field(gt=0)]
 class Schedule:
     """Algorithm 2's numbers. `scale` narrows the half-widths from iteration to iteration.
 
-    It stops when `patience` iterations brought no relative decrease above `tolerance`, at `goal_px`, or after
-    `max_iterations`; never by wall time. With `agreeing` above 0 each slot's best is polished, and it also stops when
-    so many slots ended at the lowest loss, within `tolerance` of it. Raises ValidationError for other numbers.
+    The search stops when `patience` iterations brought no relative decrease above `tolerance`, at `goal_px`, or after
+    `max_iterations`; never by wall time. With `agreeing` above 0 each slot's best is polished, and the search also
+    stops when `agreeing` slots ended within `tolerance` of the lowest loss. Raises ValidationError for numbers beyond
+    their limits.
     """
 
     slots: Slots = 4
@@ -48,11 +49,11 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Preset:
-    """What a request means where it names nothing else.
+    """Values for everything that a request leaves open.
 
     By default wrong marks do no harm: the loss of the search saturates, pairs that do not belong are left out, and
     the others are fitted by least squares (decision 0089). ``weak_priors``: whether weak priors may hold distortion
-    and aspect of which the request says nothing.
+    and aspect if the request says nothing of them.
     """
 
     schedule: Schedule
@@ -73,12 +74,12 @@ PRESETS: Final[dict[PresetName, Preset]] = {
 
 
 def parse_preset(name: object) -> Preset:
-    """The preset of that name. Raises DocumentError ``unknown_preset``."""
+    """Return the preset of that name. Raise DocumentError ``unknown_preset``."""
     return PRESETS[chosen(name, PRESETS, "preset")]
 
 
 def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:
-    """The preset's schedule with single numbers replaced. Raises DocumentError ``bad_schedule``."""
+    """Return the preset's schedule with single numbers replaced. Raise DocumentError ``bad_schedule``."""
     try:
         return replace(preset.schedule, **overrides)
     except ValidationError as error:

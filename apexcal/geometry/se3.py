@@ -66,16 +66,16 @@ class SE3:
         return SE3(self.to_frame, other.from_frame, self.R @ other.R, self.R @ other.t + self.t)
 
     def inverse(self) -> SE3:
-        """T_from_to."""
+        """Return T_from_to."""
         return SE3(self.from_frame, self.to_frame, self.R.T, -self.R.T @ self.t)
 
     def apply(self, points: ArrayLike) -> Floats:
-        """Points (..., 3) in metres of `from_frame`, returned in `to_frame`."""
+        """Return points (..., 3), metres, of `from_frame` in `to_frame`."""
         return np.asarray(points, dtype=np.float64) @ self.R.T + self.t
 
     @property
     def matrix(self) -> Floats:
-        """Homogeneous, (4, 4)."""
+        """Return the homogeneous matrix (4, 4)."""
         return np.block([[self.R, self.t[:, None]], [np.array([[0.0, 0.0, 0.0, 1.0]])]])
 
     @property
@@ -90,7 +90,7 @@ class SE3:
 
 
 def from_document(document: Mapping[str, Any] | Transform | SolvedTransform) -> SE3:
-    """The transform of a document as requests or results hold it. Of several rotations the matrix is read."""
+    """Return the transform of a document of a request or result. If it has several rotations, the matrix counts."""
     document = document if isinstance(document, Mapping) else document.model_dump()
     rotation: Mapping[str, Any] = document["rotation"]
     if "matrix" in rotation:
@@ -103,7 +103,7 @@ def from_document(document: Mapping[str, Any] | Transform | SolvedTransform) -> 
 
 
 def to_document(transform: SE3) -> dict[str, Any]:
-    """The JSON form, with the rotation as matrix, quaternion and Euler angles in both orders, all named.
+    """Return the JSON form, with the rotation as matrix, quaternion and Euler angles in both orders, all named.
 
     The floats survive JSON exactly; `from_document` gives back the same matrix and translation to the bit.
     """

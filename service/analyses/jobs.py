@@ -19,7 +19,7 @@ from service.platform.jobs.kinds import Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import recounting
 
-# Scores of pairs and points of pixels take milliseconds: they must not wait behind drives.
+# Scores of pairs and points of pixels take milliseconds, so they do not wait on the queue of drives.
 _QUEUES = {
     "preview": "detect",
     "suggestion": "detect",
@@ -37,7 +37,7 @@ _QUEUES = {
 
 
 def analysis_of(recording: Recording, kind: str, question: Json, detection_id: UUID | None = None) -> Analysis:
-    """Return the row of a question to a recording, which is not written yet."""
+    """Return a new row, not yet written, for a question to a recording."""
     owned = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id, "recording_id": recording.id}
     return Analysis(**owned, kind=kind, asked=question, detection_id=detection_id)
 
@@ -53,7 +53,7 @@ def queue_analysis(session: Session, row: Analysis) -> Job:
 
 
 def tell_followers(session: Session, row: Analysis) -> None:
-    """Tell the fleet's followers that an analysis changed, and with it what its recording shows."""
+    """Tell the fleet's followers that an analysis changed, and with it its recording's page."""
     hint(session, row.fleet_id, "analysis", row.id)
     if row.recording_id is not None:
         hint(session, row.fleet_id, "recording", row.recording_id)
@@ -72,7 +72,7 @@ def _take(session: Session, analysis_id: UUID, result: Json) -> None:
     row = session.get_one(Analysis, analysis_id)
     row.result = result
     if row.kind == "precision":
-        row.single_pairs = None  # what the fit was asked about
+        row.single_pairs = None  # the pairs that the fit was made of
 
 
 def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | None) -> None:
@@ -82,7 +82,7 @@ def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | 
     row.state, row.problem = state, problem
     if state != WorkState.DONE:
         with recounting(session, row.recording_id, besides=row.job_id):
-            """What the job had reserved counts no more."""
+            """The job's reserved bytes no longer count."""
     tell_followers(session, row)
 
 

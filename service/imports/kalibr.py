@@ -1,4 +1,4 @@
-"""Kalibr's camchain: lenses, and ``T_cn_cnm1``, which maps points of the camera before into this one. No LiDAR."""
+"""Kalibr's camchain: lenses, and ``T_cn_cnm1``, which maps points of the previous camera into this one. No LiDAR."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HINT = "Calibrate as pinhole-radtan or pinhole-equi."
 
 
 def is_kalibr(document: Mapping[str, Any]) -> bool:
-    """Whether any of its values is a camera of a camchain."""
+    """Return whether any value of a document is a camera of a camchain."""
     return any(isinstance(value, dict) and "camera_model" in value for value in document.values())
 
 

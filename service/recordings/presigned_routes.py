@@ -1,9 +1,9 @@
-"""Routes of parts that go straight from the client into the store: ask where, put them there, say so.
+"""Routes for parts that go from the client into the store: ask for an address, put the part there, announce it.
 
-An address takes as many bytes as were announced, whatever their checksum, and works until its time is over. So what
-was put is copied, within the store, to a key that nobody has an address of. The size of the copy is looked at, the
-copy is acknowledged, and the worker compares the checksum of every part before it reads the file. A store that does
-not hold a sender to the length is asked for the size first: what is larger than announced is removed.
+An address takes as many bytes as were announced, whatever their checksum, and works until it expires. So the store
+copies the part to a key that nobody has an address of. The copy's size is checked and the copy acknowledged. The
+worker compares the checksum of every part before it reads the file. Some stores accept more bytes than announced:
+then the size is checked first, and a larger part is removed.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ async def _copy(store: Store, put: str, key: str, announced: Announced) -> None:
     """Raises :class:`Problem` 409 ``reservation_ended``, ``part_size_differs``."""
     try:
         await store.copy(put, key)
-    except MissingBlobError:  # it was there a moment ago: its reservation ended meanwhile
+    except MissingBlobError:  # the object was there a moment ago: its reservation ended meanwhile
         raise reservation_ended(announced.number) from None
     _refuse_other_size(await _size(store, key, announced), announced)
 
@@ -113,7 +113,7 @@ def _through_api(database: Database, identity: Identity, recording_id: UUID, num
 def _announced(
     database: Database, identity: Identity, recording_id: UUID, number: int, key: str
 ) -> Announced | UploadPart:
-    """What was announced of the object under this key; or the part, where a copy of this very object is acknowledged.
+    """Return the announcement of the object under this key; or the part, if a copy of this object is acknowledged.
 
     Raises :class:`Problem` 409 ``reservation_ended``.
     """

@@ -20,7 +20,7 @@ Column = Sequence[float | None] | NDArray[Any]
 # scipy publishes no types.
 _chi_square_beyond: Callable[[Floats, float], Floats] = special.chdtri
 COLUMNS: Final = (*SIGMAS, MARK_SIGMA, "marks", "spread_px")
-# Fewer pairs with several marks than this do not tell how well people mark.
+# With fewer pairs of several marks the scatter of marks cannot be estimated.
 _ENOUGH_PAIRS: Final = 10
 _FLOOR_PX: Final = 0.1
 
@@ -56,18 +56,18 @@ class Covariances:
                 )
 
     def of(self, rows: Sequence[int]) -> Covariances:
-        """Those of the pairs at these rows."""
+        """Return the covariances of the pairs at these rows."""
         return Covariances(self.points[rows], self.marks[rows])
 
 
 def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_px: float) -> Covariances:
-    """The covariances of pairs as a correspondence set states them.
+    """Return the covariances of pairs as a correspondence set states them.
 
     columns: `sigma_azimuth_rad`, `sigma_elevation_rad` (radians) and `sigma_range_m` (metres) of the vertices, and
-    `sigma_px` of the marks per coordinate (pixels), each of N numbers; of a mark that states nothing it is None.
-    points (N, 3): metres, LiDAR frame. Such a mark has mark_sigma_px if it is one person's, or what the spread of
-    several people's marks shows (columns `marks`, `spread_px`); of n marks a consensus has 1 / n of the variance.
-    Raises SolveError `no_covariances` where the columns state none, `bad_covariances` where they cannot be any.
+    `sigma_px` of the marks per coordinate (pixels), each of N numbers; None for a mark that states no deviation.
+    points (N, 3): metres, LiDAR frame. A mark without a deviation has mark_sigma_px if it is one person's, or what
+    the spread of several people's marks shows (columns `marks`, `spread_px`); a consensus of n marks has 1 / n of the
+    variance. Raises SolveError `no_covariances` if the columns state none, `bad_covariances` if they cannot be any.
     """
     xyz = np.asarray(points, dtype=np.float64)
     if not states_errors(columns):

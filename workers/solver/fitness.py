@@ -1,4 +1,4 @@
-"""What the individuals of a search cost: compiled, single precision, vectorised over the pairs."""
+"""The losses of a search's individuals: compiled, in single precision, vectorised over the pairs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,10 +27,10 @@ _WORST: Final = np.float32(3.0e38)
 
 
 class FitnessData(NamedTuple):
-    """What the kernels know of a problem and of the bounds that are searched, by D parameters.
+    """A problem and the searched bounds as the kernels take them, by D parameters.
 
     per_weight: 1 / sum of weights. prior_mean, prior_strength (D,): mean and 1 / sigma, 0 where there is none.
-    prior_share: what a prior's squared score counts in px, 0 where no parameter has a prior.
+    prior_share: px that a prior's squared score of 1 adds to the loss; 0 if no parameter has a prior.
     """
 
     box: Box
@@ -43,7 +43,7 @@ class FitnessData(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fitness:
-    """A search's loss as one object: the model's kernel, what it works on, and the upper bounds (F,) of the free.
+    """A search's loss as one object: the model's kernel, its data, and the upper bounds (F,) of the free parameters.
 
     weights (N,): of the problem's pairs.
     """
@@ -56,11 +56,11 @@ class Fitness:
 
     @property
     def genes(self) -> int:
-        """How many parameters are free."""
+        """Return the number of free parameters."""
         return len(self.upper)
 
     def parameters(self, fractions: Singles) -> Floats:
-        """The parameter vector (D,) of an individual (F,)."""
+        """Return the parameter vector (D,) of an individual (F,)."""
         box = self.data.box
         p = box.base.copy()
         # lower + width may round past the upper bound.
@@ -69,7 +69,7 @@ class Fitness:
         return p
 
     def loss_px(self, p: Floats) -> float:
-        """The loss that the search minimises at p (D,), in pixels, double precision, priors included."""
+        """Return the loss that the search minimises, at p (D,), in pixels and double precision, priors included."""
         problem, data = self.problem, self.data
         pixels, violation = predict(problem, p)
         d = distances_px(pixels, violation, problem.pixels, problem.diagonal_px)
@@ -81,7 +81,7 @@ class Fitness:
 
 
 def fitness_of(problem: FitProblem, lower: Floats, upper: Floats) -> Fitness:
-    """The loss of a problem for a search inside [lower, upper] (D,)."""
+    """Return the loss of a problem for a search inside [lower, upper] (D,)."""
     free, base = problem.free, problem.lower
     weights, sigma_px = search_weights(problem)
     bend = 1.0 / problem.saturation_px if problem.loss == "saturating" else 0.0
@@ -97,12 +97,12 @@ def fitness_of(problem: FitProblem, lower: Floats, upper: Floats) -> Fitness:
 
 
 def loss_px(problem: FitProblem, parameters: Sequence[float] | Floats) -> float:
-    """`Fitness.loss_px` of a problem inside its own bounds."""
+    """Return `Fitness.loss_px` of a problem inside its own bounds."""
     return fitness_of(problem, problem.lower, problem.upper).loss_px(np.asarray(parameters, dtype=np.float64))
 
 
 def pack_pairs(problem: FitProblem, weights: Floats) -> Singles:
-    """The pairs as `Targets.pack`, with these weights (N,)."""
+    """Return the pairs with these weights (N,), as `Targets.pack` packs them."""
     n = len(problem.points)
     pack = np.empty((6, (n + LANES - 1) // LANES * LANES), dtype=np.float32)
     pack[:3, :n] = problem.turned_points.T
@@ -134,9 +134,9 @@ def evaluate_population(
 ) -> None:
     """Fill losses (P,) in pixels of the individuals of population (F, P) from `first` on.
 
-    total_distances: the model's `Projection.total_distances_pointer`; it stands apart from its data because numba
-    takes a function as an argument, and in a tuple only as an experiment. stop (1,): looked at before each
-    individual; where another thread has set it, the losses mean nothing.
+    total_distances: the model's `Projection.total_distances_pointer`. It is an argument of its own because numba's
+    support of functions in tuples is experimental. stop (1,): read before each individual; once another thread has
+    set it, the losses mean nothing.
     """
     base, free, lower, width = fitness.box
     prior_mean, prior_strength, prior_share = fitness.prior_mean, fitness.prior_strength, fitness.prior_share

@@ -1,4 +1,4 @@
-"""The report of a result: what the database and the store have of it, made into one HTML file."""
+"""Make the report of a result: one HTML file of what database and store hold about it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from workers.tasks.other_data import other_data
 from workers.tasks.run_inputs import read_run
 
 _SHOWN: Final = frozenset(("image/jpeg", "image/png", "image/webp"))
-# Outliers with a picture, the worst first, and the largest frame that is read for one: the file stays below 3 MB.
+# Number of outliers with a picture, the worst first, and the largest frame that is read. The file stays below 3 MB.
 _PICTURES: Final = 24
 _FRAME_BYTES: Final = 600_000
 
@@ -108,7 +108,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
 
 
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
-    """The people's own marks of the pairs, as they stand now; none where the pairs were imported."""
+    """Return each person's present marks of the pairs; none if the pairs were imported."""
     columns = pairs.columns
     names = ("stamp_ns", "sweep_index", "frame_index")
     if pairs.detection_id is None or not all(name in columns for name in names):
@@ -139,7 +139,7 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
 
 
 def _places(session: Session, material: Material, result: Result) -> Sequence[_Place]:
-    """The frames of the worst outliers, where the recording keeps them and a browser shows them."""
+    """Return the frames of the worst outliers, if the recording still has them and browsers can show them."""
     indices, recording = material.pairs.get("frame_index"), material.rows["recording_id"]
     if indices is None or recording is None:
         return []
@@ -161,7 +161,7 @@ def _places(session: Session, material: Material, result: Result) -> Sequence[_P
 
 
 def _image(context: Context, picture: _Place) -> FrameImage:
-    """The frame as it is stored; only browsers decode it."""
+    """Return the frame as it is stored. Only browsers decode it."""
     frame = picture.frame
     data = context.store.get_range(picture.key, frame.offset, frame.length)
     return FrameImage(frame.media_type, data, frame.width, frame.height)

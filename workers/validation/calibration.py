@@ -1,4 +1,4 @@
-"""A finished calibration as validation uses it: lens, mount and what it states of both."""
+"""A finished calibration as validation uses it: lens, mount and their covariance."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class KnownCalibration:
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Self:
-        """From {"intrinsics", "transform"} and, where a result states them, "covariance" and "sigma_px".
+        """Make one of {"intrinsics", "transform"} and, if a result states them, "covariance" and "sigma_px".
 
         Raises:
             GeometryError: not a lens or a transform.
@@ -54,7 +54,7 @@ class KnownCalibration:
         model = parse_model(lens["model"])
         width, height = lens["image_size"]
         stated: dict[str, Any] = document.get("covariance") or {"names": [], "matrix": []}
-        # Euler angles that were searched are no turns about the camera's axes.
+        # If the search was over Euler angles, their deviations are not those of turns about the camera's axes.
         listed: list[str] = stated["names"]
         names = tuple(listed) if set(_MOUNT[:3]) <= set(listed) else ()
         unit = np.array([radians(1.0) if name in ANGLES else 1.0 for name in names])
@@ -64,25 +64,25 @@ class KnownCalibration:
         return cls(model, values, (int(width), int(height)), mount, names, covariance, document.get("sigma_px"))
 
     def project(self, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """(N, 2) px of points (N, 3), metres, LiDAR frame; and which of them lie in the image."""
+        """Return (N, 2) px of points (N, 3), metres, LiDAR frame; and which of them lie in the image."""
         pixels, violation = project(self.model, self.intrinsics, self.mount.apply(points))
         return pixels, self.shows(pixels, violation)
 
     def shows(self, pixels: Floats, violation: Floats) -> NDArray[np.bool_]:
-        """Which projections lie in the image."""
+        """Return which projections lie in the image."""
         width, height = self.image_size
         u, v = pixels[:, 0], pixels[:, 1]
         good = violation == 0.0
         return good & (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
 
     def moved(self, turn_deg: Floats, shift_m: Floats) -> KnownCalibration:
-        """The same with another mount: turned about the camera's axes x y z, then shifted along them."""
+        """Return the calibration with its mount turned about the camera's axes x y z, then shifted along them."""
         camera = self.mount.to_frame
         moved = SE3(camera, camera, rotation_from_vector(np.radians(turn_deg)), shift_m)
         return replace(self, mount=moved @ self.mount)
 
     def jacobians(self, points: Floats) -> tuple[Floats, Floats]:
-        """How pixels move, at points (N, 3), LiDAR frame.
+        """Return the derivatives of the pixels of points (N, 3), LiDAR frame.
 
         Returns (N, 2, 6) by small turns about the camera's axes (px per rad) and translation (px per m); and
         (N, 2, F) by the parameters of `names`.

@@ -1,8 +1,8 @@
-"""Where depth edges lie best: turn and shift of a mount, searched from coarse to fine.
+"""Search the turn and shift of a mount under which depth edges lie on image edges, from coarse to fine.
 
 The score is the mean image gradient across the edges over the gradients nearby, as in :mod:`edge_check`. A coarse
-grid of turns on small images gives starts; from each the summit of a quadratic through scores around is followed on
-larger and larger images. Deviations are those of the jackknife that leaves out one region of the image at a time.
+grid of turns on small images gives starts. From each start the search follows the summit of a quadratic through the
+scores around it, on larger and larger images. Deviations come from the jackknife over regions of the image.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ REACH_M: Final = 0.3
 # Steps of the coarse grid: a roll moves a pixel 25 degrees off the axis by half as much.
 _STEP_DEG: Final = 1.0
 _ROLL_STEP_DEG: Final = 2.0
-# Pixels of the images of each stage, and how far around a place the scores are looked at: turns and roll in degrees,
-# shifts across and along the axis in metres. A shift of 5 cm moves what stands 8 m away by 0.35 degrees.
+# Pixels of the images of each stage, and the reach of its scores around a mount: turns and roll in degrees, shifts
+# across and along the axis in metres. A shift of 5 cm moves an object 8 m away by 0.35 degrees.
 _COARSE_DEG: Final = 0.5
 _STAGES: Final = ((0.25, 1.0), (0.12, 0.6), (0.0, 0.35))
 _AROUND: Final = np.array([np.radians(1.0), np.radians(1.0), np.radians(2.0), 0.14, 0.14, 0.4])
 _ROUNDS: Final = 5
 _COARSE_EDGES: Final = 1500
 _MIDDLE_EDGES: Final = 8000
-# Starts that are followed, and how far apart places are, as the mean edge moves.
+# Number of starts, and their least distance from each other: degrees by which the mean edge moves.
 _STARTS: Final = 6
 APART_DEG: Final = 1.0
-# A direction in which the score bends so much less than in the sharpest is not told.
+# A direction stays open if the score bends less in it than this share of the sharpest bend.
 _FLAT: Final = 0.01
 
 
@@ -51,9 +51,9 @@ class Summit(NamedTuple):
     Attributes:
         mount: the calibration with it.
         offset: (6,) from the deployed mount: turns about the camera's axes, rad, then shifts along them, m.
-        covariance: (6, 6) of the jackknife; zero for what was not free, reach squared for what is not told.
-        scores: (G,) sums and counts (G,) at the place, by group.
-        is_summit: the search ended inside of its reach.
+        covariance: (6, 6) of the jackknife; zero for parameters that were not free, the squared reach for open ones.
+        scores: (G,) sums and counts (G,) at this mount, by group.
+        is_summit: the search ended inside its reach.
     """
 
     mount: KnownCalibration
@@ -65,16 +65,16 @@ class Summit(NamedTuple):
 
     @property
     def score(self) -> float:
-        """Mean of all groups."""
+        """Return the mean score of all groups."""
         return float(self.sums.sum() / max(self.counts.sum(), 1.0))
 
     @property
     def excess(self) -> Floats:
-        """(G,) gradients above those nearby. With few edges in the image a mean is high by chance."""
+        """Return (G,) gradients in excess of those nearby. With few edges in the image a mean is high by chance."""
         return self.sums - self.counts
 
     def lead_over(self, other: Summit) -> float:
-        """How far the excess of an edge stands above that at another place, in deviations of the difference."""
+        """Return by how many deviations of the difference the mean excess is above that of another mount."""
         edges = np.maximum(self.counts, other.counts)
         there = edges > 0
         if np.count_nonzero(there) < 3:
@@ -85,7 +85,7 @@ class Summit(NamedTuple):
 
 
 class MountSearch:
-    """Searches the place of the highest score for the frames of one camera."""
+    """The search for the mount with the highest score, on the frames of one camera."""
 
     def __init__(self, calibration: KnownCalibration, frames: Sequence[EdgeFrame]) -> None:
         self._calibration, self._frames = calibration, frames
@@ -96,7 +96,7 @@ class MountSearch:
         self._edges = sum(len(frame.points) for frame in frames)
 
     def starts(self) -> list[KnownCalibration]:
-        """The best turns of the coarse grid, each APART_DEG from the others, the deployed mount first."""
+        """Return the best turns of the coarse grid, each APART_DEG from the others, the deployed mount first."""
         every = max(self._edges // _COARSE_EDGES, 1)
         small = [frame.made_smaller(np.radians(_COARSE_DEG), self._focal_px) for frame in self._frames]
         points, beyond, weight = (
@@ -128,7 +128,7 @@ class MountSearch:
         return [self._calibration.moved(turn, np.zeros(3)) for turn in chosen]
 
     def summit(self, start: KnownCalibration, free: Sequence[int], first_stage: int = 0) -> Summit:
-        """The summit that is reached from a mount by moving what is free of ALL."""
+        """Return the summit that the search reaches from a mount by moving the parameters ``free`` of ALL."""
         mount, is_summit = start, True
         for stage in range(first_stage, len(_STAGES)):
             window = _AROUND * _STAGES[stage][1]
@@ -149,7 +149,10 @@ class MountSearch:
     def _around(
         self, mount: KnownCalibration, free: Sequence[int], window: Floats, stage: int, every: int
     ) -> tuple[Floats, Floats, Floats]:
-        """Sums and counts (K, G) around a mount, and the samples (K, F) in units of the window; the first is none."""
+        """Return sums and counts (K, G) around a mount, and the samples (K, F) in units of the window.
+
+        The first sample is the mount itself.
+        """
         samples = _samples(len(free))
         offsets = np.zeros((len(samples), 6))
         offsets[:, list(free)] = samples * window[list(free)]
@@ -181,12 +184,12 @@ class MountSearch:
         return Summit(mount, offset, covariance, sums[0], counts[0], is_summit and inside)
 
     def offset(self, mount: KnownCalibration) -> Floats:
-        """(6,) turns, rad, and shifts, m, that lead from the deployed mount to another."""
+        """Return (6,) turns, rad, and shifts, m, that lead from the deployed mount to another."""
         R, t = mount.mount.R @ self._calibration.mount.R.T, mount.mount.t
         return np.concatenate([vector_from_rotation(R), t - R @ self._calibration.mount.t])
 
     def apart_deg(self, first: KnownCalibration, second: KnownCalibration) -> float:
-        """How far the typical edge lies from itself under two mounts, as seen from the camera."""
+        """Return the angle, degrees, between the typical edge's directions from the camera under two mounts."""
         points = np.concatenate([frame.points[::10] for frame in self._frames])
         if not len(points):
             return 0.0
@@ -196,7 +199,7 @@ class MountSearch:
 
 
 def _across(calibration: KnownCalibration, points: Floats, beyond: Floats) -> Floats:
-    """(N, 2) how much of each edge's gradient lies along u and v; zero where nothing is told."""
+    """Return (N, 2) the shares of each edge's gradient along u and v; zero if its direction is unknown."""
     with np.errstate(invalid="ignore"):
         across = np.abs(np.nan_to_num(calibration.project(beyond)[0] - calibration.project(points)[0]))
     return across / np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
@@ -211,7 +214,7 @@ def _looked_up(
     across: Floats,
     of_frame: NDArray[np.int64],
 ) -> tuple[float, float]:
-    """Sum and weight of the visible pixels (N, 2) of edges in the maps (frames, 2, h, w), weighted by `across`."""
+    """Return sum and weight of the edges' visible pixels (N, 2) in maps (frames, 2, h, w), weighted by `across`."""
     _, _, height, width = maps.shape
     whole, count = 0.0, 0.0
     for i in range(len(pixels)):
@@ -229,13 +232,13 @@ def _mean(sums: Floats, counts: Floats) -> Floats:
 
 
 def _without_each(sums: Floats, counts: Floats) -> Floats:
-    """(K, G) means without one group each, of sums and counts (K, G)."""
+    """Return (K, G) means, each without one group, of sums and counts (K, G)."""
     left = sums.sum(axis=1, keepdims=True) - sums
     return left / np.maximum(counts.sum(axis=1, keepdims=True) - counts, 1.0)
 
 
 def _samples(count: int) -> Floats:
-    """(K, F) points in the unit ball, the middle first, and their mirror images."""
+    """Return (K, F) points in the unit ball, the middle first, and their mirror images."""
     half = 12 * (count + 1) * (count + 2) // 4
     random = np.random.default_rng(count)
     direction = random.normal(size=(half, count))
@@ -244,7 +247,7 @@ def _samples(count: int) -> Floats:
 
 
 def _quadratic(samples: Floats, scores: Floats) -> tuple[Floats, Floats]:
-    """Gradients (F, M) and Hessians (M, F, F) at the middle of quadratics through scores (K, M)."""
+    """Return gradients (F, M) and Hessians (M, F, F) at the middle of quadratics through scores (K, M)."""
     count = samples.shape[1]
     first, second = np.triu_indices(count)
     design = np.column_stack([np.ones(len(samples)), samples, samples[:, first] * samples[:, second]])
@@ -255,11 +258,11 @@ def _quadratic(samples: Floats, scores: Floats) -> tuple[Floats, Floats]:
 
 
 def _summits(samples: Floats, scores: Floats) -> Floats:
-    """(F, M) summits of quadratics through scores (K, M), at most a window away; not told directions stay."""
+    """Return (F, M) summits of quadratics through scores (K, M), at most a window away, open directions left out."""
     gradient, H = _quadratic(samples, scores)
     values, vectors = np.linalg.eigh(-H)
     sharpest = np.maximum(values.max(axis=1, keepdims=True), 1e-12)
-    # Along a valley the way is up, as far as the window.
+    # Where the score bends up, the step goes uphill as far as the window.
     bend = np.where(values < -_FLAT * sharpest, np.abs(values), np.maximum(values, _FLAT * sharpest))
     along = np.einsum("mfe,fm->me", vectors, gradient) / bend
     along[(np.abs(values) <= _FLAT * sharpest)] = 0.0
@@ -268,6 +271,6 @@ def _summits(samples: Floats, scores: Floats) -> Floats:
 
 
 def _flat(samples: Floats, score: Floats) -> Floats:
-    """(F, D) unit directions in which the score does not bend down."""
+    """Return (F, D) unit directions in which the score does not bend down."""
     values, vectors = np.linalg.eigh(-_quadratic(samples, score[:, None])[1][0])
     return vectors[:, values <= _FLAT * max(values.max(), 1e-12)]

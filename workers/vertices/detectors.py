@@ -53,7 +53,9 @@ def _strict(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reject
 
 
 def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
-    """Return the points of the top ring as the authors' toolbox does: few, close together, and a board below them."""
+    """Return the points of the top ring if they are few, close together and have a board below them, as the authors'
+    toolbox does.
+    """
     if inside.ring.size == 0:
         return Rejection("no_points")
     if inside.ring.size < options["min_points"]:

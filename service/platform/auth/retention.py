@@ -11,7 +11,7 @@ from service.platform.db.people import AuditEntry, BrowserSession, IdempotencyKe
 from service.platform.db.session import Database
 from service.platform.settings import get_settings
 
-# Nobody repeats a request, or asks why a link does not work, after this.
+# After this time nobody repeats a request or asks why a link does not work.
 _REMEMBERED = timedelta(days=14)
 
 

@@ -1,6 +1,6 @@
-"""Blobs by row: a key is reserved before its first byte and condemned when nobody won it.
+"""Rows of blobs: a key is reserved before its first byte, and condemned if its object comes into no use.
 
-So no object is ever without a row, and what a crash left is found by asking the table, never by listing the store.
+So every object has a row, and the table, not a listing of the store, tells what a crash left.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from service.platform.db.jobs import Job
 from service.platform.db.recordings import Blob, BlobHold, Sensor
 from service.platform.storage.errors import ReservationEndedError
 
-# When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.
+# First and longest pause before an object is tried again that the store did not remove: it may be away for a moment.
 _TRY_AGAIN, _LATEST = timedelta(seconds=10), timedelta(days=1)
 # A reservation without a job is an upload part on its way; no part takes this long.
 _ABANDONED_S = 2 * 3600.0
@@ -40,7 +40,7 @@ def reserve(
 ) -> str:
     """Reserve a fresh key under ``prefix``. Commit before writing the object's first byte.
 
-    ``size`` and ``sha256`` are what its writer announces, where that is known.
+    ``size`` and ``sha256`` are what its writer announces, if anything.
     """
     key = f"{prefix}/{new_id().hex}{suffix}"
     session.add(Blob(key=key, job_id=job_id, attempt=attempt, size=size, sha256=sha256))
@@ -64,17 +64,17 @@ def condemn(session: Session, keys: Iterable[str]) -> None:
 
 
 def sensor_keys(session: Session, recording_id: UUID) -> list[str]:
-    """The keys of a recording's sensors' files."""
+    """Return the keys of the files of a recording's sensors."""
     return list(session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)))
 
 
 def give_up(session: Session, key: str) -> None:
-    """Condemn a reservation that nobody won. One that was kept meanwhile stays: its commit may be unknown to us."""
+    """Condemn a reservation whose object is in no use. If `keep` was committed after all, the object stays."""
     session.execute(update(Blob).where(Blob.key == key, Blob.state == "reserved").values(state="condemned"))
 
 
 def condemn_lost(session: Session) -> None:
-    """Condemn reservations whose work ended without winning: another attempt, or no job, or long abandoned."""
+    """Condemn reservations of attempts that another one replaced, of jobs that are gone, and of abandoned uploads."""
     working = select(Job.id).where(Job.id == Blob.job_id, Job.attempt == Blob.attempt, Job.state == WorkState.RUNNING)
     session.execute(
         update(Blob)
@@ -90,15 +90,15 @@ def condemn_lost(session: Session) -> None:
 
 
 def condemned(session: Session, limit: int = 200) -> list[str]:
-    """Keys whose objects are to be removed; none while a backup holds the store."""
-    # In one statement with the list: what is condemned after a backup's hold is never on a list made before it.
+    """Return keys whose objects are to be removed; none while a backup holds the store."""
+    # One statement reads hold and list, so no list that was made before a hold has a key condemned after it.
     hold = exists().where(BlobHold.until > now())
     due = or_(Blob.remove_after.is_(None), Blob.remove_after < now())
     return list(session.scalars(select(Blob.key).where(Blob.state == "condemned", due, ~hold).limit(limit)))
 
 
 def postpone(session: Session, keys: Iterable[str]) -> None:
-    """Look at these objects, which the store did not remove, again later: each time twice as late."""
+    """Try later again to remove these objects, each time after twice the pause."""
     stubborn = select(Blob).where(Blob.key.in_(list(keys)), Blob.state == "condemned").order_by(Blob.key)
     for blob in session.scalars(stubborn.with_for_update()).all():
         if blob.failed_removals == 0:

@@ -1,4 +1,4 @@
-"""Opening the store behind a URL: a folder, or a bucket of S3 and what speaks like it."""
+"""Open the store behind a URL: a folder, or a bucket of S3 or of a store with S3's interface."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CONNECT_S = 5.0
 
 @dataclass(frozen=True)
 class OpenStore:
-    """A store; its folder where it is one; else the store that signs for clients, and the origin they see."""
+    """A store with its folder, or with the bucket that signs addresses for clients and the origin that they see."""
 
     store: LocalStore | S3Store
     folder: Path | None = None
@@ -30,7 +30,7 @@ class OpenStore:
 
 
 def open_url(url: str, options: S3Options) -> OpenStore:
-    """Open ``file:///folder``, made where it is missing, or ``s3://bucket/prefix``. Nothing is asked of S3 yet.
+    """Open ``file:///folder``, which is made if missing, or ``s3://bucket/prefix``. This sends nothing to S3.
 
     Raises ValueError for any other URL.
     """
@@ -47,7 +47,7 @@ def open_url(url: str, options: S3Options) -> OpenStore:
 
 
 def open_bucket_root(bucket: str, options: S3Options) -> S3Store:
-    """The bucket itself: signing its empty key addresses the bucket, and a PUT there makes it."""
+    """Return the bucket itself. The signed address of its empty key is the bucket's: a PUT there makes the bucket."""
     return _bucket(bucket, None, options, options.endpoint)
 
 
@@ -58,8 +58,8 @@ def _bucket(bucket: str, prefix: str | None, options: S3Options, endpoint: str) 
     if options.access_key_id:
         config["access_key_id"] = options.access_key_id
         config["secret_access_key"] = options.secret_access_key
-    # One request may take `timeout_s`, and nothing is tried again after that long: no caller waits more than twice
-    # as much, whatever the store does. Bodies are at most a few MiB, so a request's length bounds nothing else.
+    # A request may take `timeout_s`, and none is repeated after that time, so a caller waits for twice as long at
+    # most. Bodies are at most a few MiB, so the limit on a request's time is no limit on honest bodies.
     patience = timedelta(seconds=options.timeout_s)
     client: ClientConfig = {
         "allow_http": endpoint.startswith("http://"),

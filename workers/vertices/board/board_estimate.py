@@ -10,7 +10,7 @@ from workers.vertices.board.candidate import HARDLY, Plane, probability_within
 from workers.vertices.board.model import Floats
 
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
-# A return contradicts a board that has nothing to do with it one time in two.
+# A return contradicts an unrelated board one time in two.
 _BY_CHANCE = 0.5
 # On few rings a board has too few returns to show its own share of contradictions: the limit lies half way.
 _CONTRADICTED = 0.25
@@ -65,7 +65,7 @@ class HoldEstimate:
 
     @property
     def likeliest(self) -> PosteriorMode:
-        """The mode with the largest weight."""
+        """Return the mode with the largest weight."""
         return max(self.modes, key=lambda mode: mode.weight)
 
 
@@ -74,9 +74,9 @@ class BoardAgreement:
     """How well the rays agree with the likeliest board in their plane.
 
     Attributes:
-        returns: of the returns in its plane, those above and those below the board's side corners. In-plane returns
-            beyond the outline contradict the board; so do returns off the plane within it.
-        at_edges: as `returns`, of the rays at the edges alone.
+        returns: contradictions among the returns in its plane, above and below the board's side corners. In-plane
+            returns beyond the outline contradict the board; so do returns off the plane within it.
+        at_edges: as `returns`, for the rays at the edges alone.
         on_board_share: share of the returns in its plane that lie on the board itself, not in the rim that blooming
             adds.
         moving_share: of a board with level edges, the share of its returns that lie in the region and are not static.
@@ -97,7 +97,7 @@ class BoardAgreement:
 
     @property
     def contradicting(self) -> int:
-        """How many returns contradict the board."""
+        """Return how many returns contradict the board."""
         return sum(part.contradicting for part in self.returns)
 
 
@@ -126,12 +126,12 @@ class BoardEstimate:
 
     @property
     def is_consistent(self) -> bool:
-        """Whether the returns agree with a board rather than with none, and somebody may hold it so.
+        """Return whether the returns agree with a board rather than with none, in a way that somebody may hold it.
 
         On few rings the rays must also be nearly as likely as noise alone makes them. On more rings even a real
         board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
-        They must be likelier on this recording's boards than by chance. On any number of rings most returns must lie
-        on the board, not in the rim by which a beam's width makes it larger.
+        Contradictions must be as rare as on this recording's boards, not as frequent as by chance. On any number of
+        rings most returns must lie on the board, not in the rim that a beam's width adds to it.
         """
         agreement, extent = self.agreement, self.plane.extent
         if not self.has_usual_hold or agreement.on_board_share < MOST_ON_BOARD:
@@ -144,13 +144,19 @@ class BoardEstimate:
 
     @property
     def is_consistent_above(self) -> bool:
-        """Whether the returns above the side corners agree with a board; below them a body may lie in its plane."""
+        """Return whether the returns above the side corners agree with a board.
+
+        Below these corners a body may lie in the board's plane.
+        """
         above = _board_log_odds(self.agreement.returns[0], self.agreement.wrong[0])
         return self.has_usual_hold and self.plane.extent.has_many_rings and above > 0.0
 
     @property
     def has_usual_hold(self) -> bool:
-        """Whether somebody may hold a board so. Doors, cars and walls have upright edges, and a tip has none."""
+        """Return whether a person may hold a board in this way.
+
+        Doors, cars and walls have upright edges; a board with a tip has none.
+        """
         if not self.plane.has_usual_slopes:
             return False
         middle = math.radians(45.0) * (1 + self.upper_corner)
@@ -163,12 +169,12 @@ class BoardEstimate:
 
     @property
     def is_trustworthy(self) -> bool:
-        """Whether the neighbours of its sweep, and what is learned, may rest on it."""
+        """Return whether neighbouring sweeps and learning may use this board."""
         return self.is_consistent and not self.plane.extent.is_like_a_person and self.sigma < _TRUSTED_RAD
 
     @property
     def joint_evidence(self) -> float:
-        """Log likelihood of points and rays together, for comparing planes of one sweep."""
+        """Return the log likelihood of points and rays together. It compares planes of one sweep."""
         return self.agreement.evidence + self.plane.score
 
     @property

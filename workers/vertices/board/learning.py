@@ -1,4 +1,4 @@
-"""What a recording's near sweeps show of its sensor, its board and the person who carries it.
+"""Learn a recording's sensor, its board and the person who carries it from the near sweeps.
 
 First the planes of near sweeps teach the noise, then the boards in them teach size, edges and roll. All of this comes
 from a fixed selection of sweeps spread over the whole recording, so it is the same however the recording is cut into
@@ -52,7 +52,7 @@ _SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a bo
 def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel | None:
     """Return the model of a recording, with defaults for what its near sweeps do not show.
 
-    None if the size is not stated and fewer boards than `ENOUGH` show it.
+    Return None if the size is not stated and fewer boards than `ENOUGH` show it.
     """
     up = np.array([options["up_x"], options["up_y"], options["up_z"]])
     grid = some_grid(source, _GRID_SWEEPS, up if up.any() else None)
@@ -134,7 +134,7 @@ def _with_board(
     is_blooming_open: bool,
     size: SizeFacts | None,
 ) -> BoardModel:
-    """Return the model with all that is learned of a board of its edges, and its size if boards are shown."""
+    """Return the model with what boards of these edges teach, and with their size if the sweeps show boards."""
     learned = replace(learn_board(planes, model, is_blooming_open), size=size)
     is_shown = _is_shown(planes, learned, edges)
     return replace(learned, is_shown=is_shown, size=size if is_shown else None)
@@ -147,8 +147,8 @@ def _planes(windows: Sequence[RangeImage], model: BoardModel) -> list[Plane]:
 def _is_shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
     """Return whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
 
-    If many rings meet some planes that fit on the board, only these count. A board of unknown size must be wider than
-    a person; on many rings two standard deviations are allowed for. Planes less even than a sensor's noise are no
+    If many rings meet some planes that fit on the board, only these planes count. A board of unknown size must be
+    wider than a person, on many rings less two standard deviations. Planes rougher than a sensor's noise are no
     boards.
     """
     many_ringed = [plane for plane in fitting_on_board(planes, edges) if plane.extent.has_many_rings]

@@ -1,4 +1,4 @@
-"""Sensor, board and person: what the detector assumes of them, and what a recording's near sweeps have taught it."""
+"""The model of sensor, board and person: the detector's assumptions, or what it learned from near sweeps."""
 
 from __future__ import annotations
 
