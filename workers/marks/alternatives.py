@@ -1,9 +1,9 @@
-"""Which other edges may be the board's: a measured corner is a mixture over all edges beside the measured lines.
+"""A measured corner as a mixture over all edges beside the measured lines that may be the board's.
 
-A rim, its shadow, a pattern or an edge of the background runs beside the board's edge, and one frame cannot tell
-which is the board's. What a camera's sharpening adds beside an edge is no edge: it is alike in all frames of a
-recording, and outside of the board nothing else is. A line that lies equally far inside in half of the frames,
-farther than a board is thick, is the pattern's.
+A rim, its shadow, a pattern or an edge of the background may run beside the board's edge, and one frame cannot tell
+which of them is the board's. Two kinds of lines are told apart by all frames of a recording. Sharpening adds the same
+profile beside the edge in every frame; it is no edge. A line that lies equally far inside in half of the frames,
+farther than a board is thick, belongs to the pattern.
 """
 
 from __future__ import annotations
@@ -20,35 +20,36 @@ from workers.marks.profiles import SHARPEST_PX, SHORTEST_PX, STEP_PX, Crop, Curv
 from workers.marks.sights import Floats, Image
 
 REACH_PX: Final = 8.0
-_SEEN_PX: Final = 14.0  # so that a pattern's line that is within reach in one frame is seen in nearer ones
+_SEEN_PX: Final = 14.0  # a pattern's line within reach in a far frame lies farther off in near frames
 _HALF: Final = round(_SEEN_PX / STEP_PX)
 _OFFSETS: Final = STEP_PX * np.arange(-_HALF, _HALF + 1, dtype=np.float64)
-_PARTS: Final = 6  # of an edge, of which half decide
-_OWN_PX: Final = SHARPEST_PX  # nearer is the measured edge itself
+_PARTS: Final = 6  # an edge is cut into so many parts; the median over them counts
+_OWN_PX: Final = SHARPEST_PX  # a nearer line is the measured edge itself
 _LEAST: Final = 0.2
-"""Of a profile's strongest edge. The sharpening of `vlp16-diamond-board` scatters by a tenth about its median."""
-_MOST: Final = 6  # edges of a profile
-_FEWEST: Final = 8  # edges that tell what sharpening adds
+"""Least strength of an edge, as a share of the profile's strongest one. The sharpening of `vlp16-diamond-board`
+scatters by a tenth about its median."""
+_MOST: Final = 6  # edges in a profile
+_FEWEST: Final = 8  # edges from which the sharpening is learned
 _SAME_PX: Final = 1.0
-_SAME_SHARE: Final = 0.1  # of the distance: how well a frame's scale across an edge is known
+_SAME_SHARE: Final = 0.1  # of the distance: error of a frame's scale across an edge
 _OUTSIDE: Final = 2.0
-"""Power of the strength of lines outside of the measured ones: of 129 that had less than half of its strength 16 were
-the board's edge (tips of seven rendered scenes: seeds 0, 1, 3, 5, 14, 15 and 9017)."""
-_REPEATED: Final = 0.5  # of the frames
-_FEWEST_ALIKE: Final = 4  # frames: of six that lines of a background meet at random (0.3 each) one in 14 has as many
+"""Power that weakens lines outside of the measured ones. Of 129 such lines with less than half of the measured line's
+strength, 16 were the board's edge (tips of seven rendered scenes: seeds 0, 1, 3, 5, 14, 15 and 9017)."""
+_REPEATED: Final = 0.5  # share of the frames
+_FEWEST_ALIKE: Final = 4  # frames; if lines of the background meet each of six by chance (0.3), one in 14 times
 _THICKEST_M: Final = 0.012
-"""Boards of foam, composite and plywood are 3 to 12 mm thick: so far inside a line may be that of their rim."""
+"""Boards of foam, composite and plywood are 3 to 12 mm thick, so their rim may lie this far inside."""
 _SECOND: Final = 0.25
-"""Share from which on a place farther off than `LEAST_SHIFT_PX` leaves a corner open. Four of 75 corners of
-`vlp16-diamond-board` have one: the measured place is 4 to 8 px off, and the other within 2 px, in all four."""
+"""A corner stays open if a second place, more than `LEAST_SHIFT_PX` away, has at least this share. Four of 75 corners
+of `vlp16-diamond-board` have one; in all four the measured place is 4 to 8 px off, and the second within 2 px."""
 
 
 class Beside(NamedTuple):
-    """How a frame changes across both edges of a corner.
+    """The grey levels' changes across both edges of a corner.
 
     Attributes:
-        changes: (2, G) levels a pixel at `_OFFSETS`, positive offsets inside; one at the measured line or more.
-        inward: (2,) whose signs are those of offsets into the board.
+        changes: (2, G) levels a pixel at `_OFFSETS`, whose positive values lie inside the board.
+        inward: (2,) numbers with the signs of the directions into the board.
         px_per_m: (2,) pixels across the edge for a metre.
     """
 
@@ -58,7 +59,7 @@ class Beside(NamedTuple):
 
 
 def look_beside(image: Image, edges: tuple[Curve, Curve], fit: CornerFit, px_per_m: Floats) -> Beside:
-    """The changes beside the measured lines of a corner, zero where the image ends."""
+    """Measure the changes beside the measured lines of a corner; zero beyond the image."""
     pad = np.ceil(3.0 * SHARPEST_PX / STEP_PX)
     across: Floats = STEP_PX * np.arange(-_HALF - pad, _HALF + pad + 1.0, dtype=np.float64)
     changes = np.zeros((2, len(_OFFSETS)))
@@ -78,7 +79,10 @@ def look_beside(image: Image, edges: tuple[Curve, Curve], fit: CornerFit, px_per
 
 
 def _common(parts: Floats) -> Floats:
-    """What the parts (P, G) of an edge share, the measured line positive; what is behind a board changes its sign."""
+    """Return the profile (G,) that the parts (P, G) of an edge share, positive at the measured line.
+
+    The background behind a board may be darker at some parts and brighter at others, so their signs may differ.
+    """
     turned = np.median(parts * np.sign(parts[:, _HALF : _HALF + 1]), axis=0)
     plain = np.median(parts, axis=0)
     plain *= np.sign(plain[_HALF]) or 1.0
@@ -88,11 +92,11 @@ def _common(parts: Floats) -> Floats:
 def mixed(
     fits: Mapping[tuple[int, CornerName], CornerFit], besides: Mapping[tuple[int, CornerName], Beside]
 ) -> dict[tuple[int, CornerName], CornerFit]:
-    """The corners of a recording after their mixtures.
+    """Return the corners of a recording as mixtures.
 
-    The measured lines are the outermost that much of both edges agrees on, so a weaker line outside of them is hardly
-    the board's. Lines within a board's thickness are its rim, and the corner is the mean over them; those farther
-    inside count in the covariance alone. A corner whose lines leave two places too far apart to be of use has both.
+    The measured lines are the outermost ones along most of both edges, so a weaker line outside of them is hardly the
+    board's edge. Lines within a board's thickness are its rim, and the corner is the mean over them. Lines farther
+    inside count in the covariance alone. If two places are likely and far apart, the corner has both.
     """
     shape = _shape([changes for beside in besides.values() for changes in beside.changes])
     edges = {key: [_edges(changes, shape) for changes in beside.changes] for key, beside in besides.items()}
@@ -112,7 +116,7 @@ def mixed(
 
 
 def _mixture(fit: CornerFit, inward: Floats, sides: Sequence[tuple[Floats, Floats, float]]) -> CornerFit:
-    """A corner by its two sides' offsets, their shares, and how far inside a rim may be, px."""
+    """Return a corner as a mixture. ``sides``: each edge's offsets, their shares, and a rim's largest offset, px."""
     means, variances = np.zeros(2), np.zeros(2)
     places: list[SecondPlace] = []
     across = np.linalg.inv(fit.normals) * inward
@@ -136,7 +140,7 @@ def _may_be_board(offset: float, px_per_m: float, others: Sequence[tuple[Floats,
 
 
 def _shape(changes: Sequence[Floats]) -> Floats:
-    """(4 H + 1,) how an edge looks in the recording: the median outside of the measured edges, to both sides."""
+    """Return (4 H + 1,) an edge's usual profile: the median outside of the measured edges, mirrored to the inside."""
     half = np.exp(-0.25 * (_OFFSETS[_HALF:] / SHARPEST_PX) ** 2)
     strongest = [row / row[_HALF] for row in changes if row[_HALF] >= np.abs(row).max() > 0.0]
     if len(strongest) >= _FEWEST:
@@ -146,7 +150,7 @@ def _shape(changes: Sequence[Floats]) -> Floats:
 
 
 def _edges(changes: Floats, shape: Floats) -> tuple[Floats, Floats]:
-    """Offsets (K,) and strengths (K,) of the edges of a profile, the measured one first (CLEAN: Hoegbom 1974)."""
+    """Return offsets (K,) and strengths (K,) of a profile's edges, the measured one first (CLEAN: Hoegbom 1974)."""
     left, strengths = changes.copy(), np.zeros(len(changes))
     strengths[_HALF] = max(float(changes[_HALF]), 0.0)
     left -= strengths[_HALF] * shape[_HALF : _HALF + len(changes)]
@@ -165,7 +169,10 @@ def _edges(changes: Floats, shape: Floats) -> tuple[Floats, Floats]:
 
 
 def _is_repeated(offset: float, others: Sequence[tuple[Floats, float]]) -> bool:
-    """Whether an edge is as many metres inside in half of the frames that see so far; scales are against its own."""
+    """Return whether an edge lies as many metres inside in half of the frames that reach so far.
+
+    ``others``: offsets and scale of the other frames, each scale over this frame's.
+    """
     reached = [(offsets, offset * scale) for offsets, scale in others if offset * scale < _SEEN_PX - _SAME_PX]
     same = sum(bool(np.any(np.abs(offsets - at) <= _SAME_PX + _SAME_SHARE * at)) for offsets, at in reached)
     return same >= max(_FEWEST_ALIKE, _REPEATED * len(reached))

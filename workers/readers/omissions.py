@@ -1,4 +1,4 @@
-"""Messages that cannot be used: left out one by one, counted by topic and reason, and said in one list."""
+"""Messages that cannot be used: each is left out and counted, by topic and reason; one list names them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from apexcal.documents.omissions import Omission
 from workers.readers.recording import MessageError, ReadError, legible
 
-# What one message, and several, are left out for, by the code of their error. A reason that is not listed is said by
-# its first message alone.
+# By error code: the noun for messages, and the reason in words for one and for several of them.
 _REASONS: Final[Mapping[str, tuple[str, str, str]]] = {
     "cloud_empty": ("clouds", "is empty", "are empty"),
     "cloud_malformed": ("clouds", "is no valid cloud", "are no valid clouds"),
@@ -44,7 +43,10 @@ _OTHER: Final = ("messages", "cannot be used", "cannot be used")
 
 @dataclass(slots=True)
 class _Tally:
-    """Messages left out of one topic for one reason. ``total``: messages looked at, on a topic without a sensor."""
+    """Messages of one topic that were left out for one reason.
+
+    ``total``: messages that were looked at, if no sensor is read from the topic. ``everything``: all its messages.
+    """
 
     error: MessageError
     count: int = 0
@@ -54,13 +56,13 @@ class _Tally:
 
 
 class Omissions:
-    """What a reader left out so far."""
+    """The messages that a reader left out so far."""
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[str, str], _Tally] = {}
 
     def clear(self, topics: Iterable[str]) -> None:
-        """Forget what was left out of these topics: they are read from their beginning."""
+        """Forget the omissions of these topics, because they are read again from their beginning."""
         names = set(topics)
         self._tallies = {key: tally for key, tally in self._tallies.items() if key[0] not in names}
 
@@ -77,12 +79,12 @@ class Omissions:
         """Count messages of a topic that cannot be used.
 
         Args:
-            topic: as its sensor is named.
-            error: what is wrong with the first of them.
-            stamp_ns: of the message, where it has one.
-            count: how many.
-            total: messages that were looked at, on a topic that no sensor is read from.
-            everything: how many messages that topic has.
+            topic: the sensor's name for it.
+            error: the first message's.
+            stamp_ns: of the message, if it has one.
+            count: number of messages.
+            total: number of messages that were looked at, if no sensor is read from the topic.
+            everything: number of messages of that topic.
         """
         tally = self._tallies.setdefault((topic, error.code), _Tally(error))
         tally.count += count
@@ -99,27 +101,27 @@ class Omissions:
             self.add(topic, error, stamp_ns)
 
     def update(self, other: Omissions, names: Mapping[str, str] | None = None) -> None:
-        """Add the omissions of a part; ``names``: from its topics to this recording's."""
+        """Add the omissions of a part of the recording; ``names`` maps its topics to this recording's."""
         for (topic, code), tally in other._tallies.items():
             name = names.get(topic, topic) if names else topic
             self.add(name, tally.error, count=tally.count, total=tally.total, everything=tally.everything)
             self._tallies[name, code].stamps.extend(tally.stamps)
 
     def count(self, topic: str, code: str) -> int:
-        """How many messages of a topic were left out for this reason."""
+        """Return how many messages of a topic were left out for this reason."""
         return self._tallies[topic, code].count if (topic, code) in self._tallies else 0
 
     def stamps(self, topic: str) -> NDArray[np.int64]:
-        """(N,) stamps of what was left out of a topic, ns, where they are known."""
+        """Return (N,) the known stamps, ns, of the messages left out of a topic."""
         every = (tally.stamps for (name, _), tally in self._tallies.items() if name == topic)
         return np.concatenate([np.zeros(0, np.int64), *(np.array(stamps, np.int64) for stamps in every)])
 
     def documents(self, counts: Mapping[str, int], everything: Mapping[str, int] | None = None) -> list[Omission]:
-        """All that was left out.
+        """Return all omissions.
 
         Args:
-            counts: by topic, how many messages were taken.
-            everything: how many messages a topic has, where not all were looked at.
+            counts: number of messages taken, by topic.
+            everything: number of messages of a topic, if not all were looked at.
         """
         totals = Counter(counts)
         for (topic, _), tally in self._tallies.items():
@@ -130,7 +132,7 @@ class Omissions:
         ]
 
     def refusal(self, topic: str) -> ReadError | None:
-        """Why nothing of a topic was taken, by the most frequent reason; None if nothing was left out of it."""
+        """Return the error for a topic of which nothing was taken, by the most frequent reason; None without omissions."""
         tallies = [tally for (name, _), tally in self._tallies.items() if name == topic]
         if not tallies:
             return None
@@ -143,10 +145,10 @@ class Omissions:
 
 
 def readable(reads: Iterable[Callable[[], _Item]]) -> Iterator[_Item]:
-    """Yield what can be read of some messages.
+    """Yield the messages that can be read.
 
     Raises:
-        MessageError: nothing can; that of the first message.
+        MessageError: that of the first message, if none can be read.
     """
     error: MessageError | None = None
     count = 0

@@ -1,4 +1,4 @@
-"""What a score over turns of the mount says of the calibration: a verdict and a sentence."""
+"""Judge a calibration by the scores of turns of its mount: a verdict and a sentence."""
 
 from __future__ import annotations
 
@@ -9,21 +9,27 @@ import numpy as np
 
 from workers.validation.offsets import Peak
 
-# Below this offset nobody is accused: rings and columns of the supported sensors are 0.1 to 0.4 degrees apart.
+# Smaller offsets accuse no calibration: rings and columns of the supported sensors are 0.1 to 0.4 degrees apart.
 FINE_DEG: Final = 0.15
-# Chi-square of two freedoms exceeds it once in a thousand times.
+# A chi-square of two degrees of freedom exceeds this once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = 13.816
-# The peak leads by so many deviations of its lead. With images turned around, where nothing fits, it leads by 0.6.
+# A verdict needs a peak that leads by so many deviations of its lead. On reversed images, where nothing fits, it leads
+# by 0.6.
 _CLEAR: Final = 2.0
-# An offset that is known less well says nothing about a knock of a quarter of a degree.
+# A larger deviation of the offset hides a knock of a quarter of a degree.
 _VAGUE_DEG: Final = 0.25
 _FEWEST_PARTS: Final = 8
-# Two tests of one drive contradict each other if they differ by more, and by more than chance in 1000 times.
+# Two tests of one drive contradict each other if they differ by more than this, and by more than chance would make
+# them once in a thousand times.
 _CONTRADICTION_DEG: Final = 0.3
 
 
 class ScoredDrive(NamedTuple):
-    """What a check saw: `noun` of its parts, how many, the score at no offset and at one degree of yaw."""
+    """Counts and scores of a check.
+
+    ``noun`` names the ``parts`` (edges, markers). ``score`` belongs to the mount as it is, ``at_one_degree`` to a yaw
+    of one degree.
+    """
 
     noun: str
     frames: int
@@ -35,11 +41,15 @@ class ScoredDrive(NamedTuple):
 
 
 def contradiction(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | None:
-    """What two tests of one drive say of a turn that cannot both be right; None where they agree or do not tell.
+    """Return the turns that two tests of one drive measure, as words, if these contradict each other.
 
-    Both may see a turn to the same side and of different sizes: a shift moves what is near by more.
+    Turns to the same side may differ: a shift looks like a turn, and like a larger one for near things.
 
-    first, second: ``pitch_deg`` with ``sigma_pitch_deg``, and of yaw, as road scores have them.
+    Args:
+        first, second: ``pitch_deg`` with ``sigma_pitch_deg``, and the same of yaw, of two road scores.
+
+    Returns:
+        None if they agree, or if a test measured no turn.
     """
     for name in ("pitch", "yaw"):
         turn, other = first.get(f"{name}_deg"), second.get(f"{name}_deg")
@@ -55,7 +65,7 @@ def contradiction(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | 
 
 
 def judge(watched: ScoredDrive) -> dict[str, Any]:
-    """Verdict, sentence, and the members of a road score that follow from them."""
+    """Return verdict, sentence and the other members of a road score."""
     peak, noun = watched.peak, watched.noun
     document: dict[str, Any] = {
         "frames": watched.frames,

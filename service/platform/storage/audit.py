@@ -1,7 +1,7 @@
-"""Compares the store with the table once a day: objects without a row, and rows without their object.
+"""Compare the store with the table of blobs once a day: objects without a row, and rows without their object.
 
-The reaper removes by row and needs no listing. This finds what no row can tell of: bytes put at a presigned address
-after its reservation had gone, what a restored database does not know, and what somebody removed by hand.
+The reaper removes objects by their rows and lists nothing. The audit finds the rest: objects put at a presigned
+address after its reservation ended, objects that a restored database lacks, and rows whose objects somebody removed.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ log = logging.getLogger(__name__)
 AUDIT = "audit"
 _PAGE = 500
 _SHOWN = 10
-# More than this share without rows is no litter: it is another service's store, or a database from a backup.
+# If more than this share of the objects lacks rows, the store is another service's, or the database is a backup's.
 _LITTER = 0.1
 _LITTER_AT_LEAST = 20
 
 
 @dataclass
 class Audit:
-    """What was found. ``lost`` are keys that the table calls stored and the store does not have."""
+    """The result of an audit. ``orphans`` have no row; ``lost`` are keys of stored blobs that the store lacks."""
 
     objects: int = 0
     orphans: list[ListedObject] = field(default_factory=list)
@@ -41,21 +41,21 @@ class Audit:
 
     @property
     def orphan_bytes(self) -> int:
-        """Bytes of all orphans."""
+        """Return the bytes of all orphans."""
         return sum(orphan.size for orphan in self.orphans)
 
 
 def audit_if_due(database: Database, store: Store, settings: Settings) -> Audit | None:
-    """The audit, where the settings want one and none has begun for so long; several callers agree on one."""
+    """Audit if the settings ask for it and the last audit is ``audit_hours`` old; one of several callers does so."""
     if settings.audit == "off" or not _take_turn(database, settings.audit_hours * 3600):
         return None
     return audit(database, store, timedelta(hours=settings.orphan_hours), remove=settings.audit == "remove")
 
 
 def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bool) -> Audit:
-    """List the store, log what does not fit, and ``remove`` orphans that are older than ``orphan_age``.
+    """List the store, log orphans and lost objects, and ``remove`` orphans that are older than ``orphan_age``.
 
-    Nothing is removed while a backup holds the store, nor where orphans are too many to be litter.
+    It removes nothing while a backup holds the store, or if there are too many orphans.
     """
     with database.reading() as session:
         began = session.scalars(select(now())).one()
@@ -91,9 +91,9 @@ def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bo
 
 
 def _take_turn(database: Database, period_s: float) -> bool:
-    """Whether this caller is the first for ``period_s``."""
+    """Return whether no other caller took a turn within ``period_s``."""
     with database.writing() as session:
-        # A row that nobody has made yet is as old as can be.
+        # The first turn ever finds a row that is as old as can be.
         put(session, Heartbeat, {"name": AUDIT}, first={"at": datetime.fromtimestamp(0, UTC)})
         late = update(Heartbeat).where(Heartbeat.name == AUDIT, Heartbeat.at < now(-period_s)).values(at=now())
         taken = session.execute(late.returning(Heartbeat.name))
@@ -112,8 +112,8 @@ def _pages(objects: Iterable[ListedObject]) -> Iterator[list[ListedObject]]:
 
 
 def _without_row(database: Database, page: list[ListedObject], before: datetime) -> list[ListedObject]:
-    """The objects of a page that were there ``before`` and that no row knows."""
-    # What an interrupted write left in a folder is named after its object, with a # and a number.
+    """Return the objects of a page that are older than ``before`` and have no row."""
+    # An interrupted write leaves a file with its object's name, a # and a number in the folder.
     old = {listed.key: listed.key.partition("#")[0] for listed in page if listed.modified < before}
     with database.reading() as session:
         keys = set(session.scalars(select(Blob.key).where(Blob.key.in_(set(old.values())))))
@@ -121,7 +121,7 @@ def _without_row(database: Database, page: list[ListedObject], before: datetime)
 
 
 def _lost(database: Database, listed: set[str], began: datetime) -> Iterator[str]:
-    """Keys that were stored before the listing began, are so still, and were not on it."""
+    """Yield keys of blobs that were stored before the listing began, are still stored, and were not listed."""
     with database.engine.connect() as connection:
         stored = select(Blob.key).where(Blob.state == "stored", Blob.created_at < began)
         for key in connection.scalars(stored.execution_options(yield_per=_PAGE)):

@@ -1,4 +1,4 @@
-"""Times in the names of files, as programs write them: since 1970, as a date, whole seconds with a part of one."""
+"""Times in the names of files: since 1970, as a date, or as whole seconds and a fraction."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _AT_END: Final = re.compile(f"(?:{_DATE}|{_SECONDS}|{_NUMBER})$")
 UNITS_BY_DIGITS: Final = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
 _SECOND_NS: Final = 1_000_000_000
 _LONGEST: Final = 80  # letters of a name in which its time stands
-# Mean deviation of steps between files, as a share of the usual one. Of cameras and LiDARs it is some per cent.
+# Largest mean deviation of even steps between files, as a share of the usual step. Cameras and LiDARs have some per
+# cent.
 _EVEN: Final = 0.2
 _LEAST_APART: Final = 0.05
 
@@ -29,7 +30,7 @@ ReadFraction = Callable[[str], int]
 
 
 class SessionNumber(NamedTuple):
-    """Of a file: its name before the date of its session, the date's digits, and the digits that count files."""
+    """The parts of a file's name: the name before the session's date, the date's digits, and the file's number."""
 
     name: str
     date: str
@@ -43,7 +44,10 @@ def number_at_end(stem: str) -> str:
 
 
 def is_time(text: str) -> bool:
-    """Whether a number in a name is a time. A leading zero is a number's, filled up: KITTI's have ten digits."""
+    """Return whether a number in a name is a time.
+
+    A number with a leading zero is a padded count: KITTI's have ten digits, as seconds since 1970 do.
+    """
     match = _match(text)
     if match is None:
         return False
@@ -54,13 +58,14 @@ def is_time(text: str) -> bool:
 
 
 def session_numbers(stems: Sequence[str]) -> dict[str, SessionNumber]:
-    """Split names that are the date of a session and a number that counts its files; those of one folder.
+    """Split the names in one folder that consist of a session's date and the file's number.
 
-    Numbers count where most follow each other. No sensor is so fast that its times mostly differ by the last digit.
-    Behind a date alone stands the time of day, unless it begins with 0 or 1, as a count does.
+    Digits behind a date are a number if most of them follow each other: no sensor is so fast that its times mostly
+    differ by one in the last digit. Digits behind a date without a time of day are that time, unless the lowest is 0
+    or 1, as counts begin.
 
     Returns:
-        By name; empty where most names are something else.
+        The parts by name; empty if most names are of another kind.
     """
     for pattern, highest_first in ((_OF_SESSION, None), (_OF_DAY, 1)):
         numbers = {stem: number for stem in stems if (number := _session_number(pattern, stem)) is not None}
@@ -84,7 +89,7 @@ def _session_number(pattern: re.Pattern[str], stem: str) -> SessionNumber | None
 
 
 def time_ns(text: str, read: ReadFraction) -> int:
-    """Nanoseconds since 1970 of a time in a name; dates are taken as UTC."""
+    """Return the nanoseconds since 1970 of a time in a name; dates count as UTC."""
     match = _match(text)
     assert match is not None
     if match["date"]:
@@ -97,18 +102,18 @@ def time_ns(text: str, read: ReadFraction) -> int:
 
 
 def learn_fraction(texts: Sequence[str], every: Sequence[str]) -> ReadFraction | None:
-    """Return how the part of a second in names is read: as decimals, or as a count without leading zeros.
+    """Learn how to read the fractions of seconds in names: as decimals, or as a count without leading zeros.
 
-    ``1700000000.5`` is half a second if decimals were shortened, and 5 ns if nanoseconds were not filled up. Parts of
-    equal length are decimals. Otherwise a leading zero is a decimal's, a trailing one a count's; where there is
-    neither, that holds which makes steps even.
+    ``1700000000.5`` is half a second if a program cuts trailing zeros off, and 5 ns if it does not pad nanoseconds.
+    Fractions of equal length are decimals. Of unequal ones, a leading zero occurs in decimals alone, a trailing zero
+    in counts alone. Without either, the reading that makes the steps even is right.
 
     Args:
         texts: times in the names of one sensor's files.
-        every: those of all sensors, which tell it where ``texts`` do not.
+        every: times in the names of all sensors' files; they decide if ``texts`` do not.
 
     Returns:
-        None where nothing tells it, or where names contradict each other.
+        None if nothing decides, or if names contradict each other.
     """
     own = [part for part in map(_part, texts) if part]
     if _are_counted(texts):
@@ -128,7 +133,7 @@ def learn_fraction(texts: Sequence[str], every: Sequence[str]) -> ReadFraction |
 
 
 def _are_counted(texts: Sequence[str]) -> bool:
-    """Whether what stands behind whole seconds counts the files."""
+    """Return whether the digits behind whole seconds number the files."""
     numbers = sorted(int(match["of_seconds"]) for text in texts if (match := _match(text)) and match["of_seconds"])
     is_whole = len(numbers) == len(texts) == len(set(numbers))
     return is_whole and len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1
@@ -142,7 +147,7 @@ def _match(text: str) -> re.Match[str] | None:
 
 
 def _date_ns(text: str) -> int:
-    """Nanoseconds since 1970; -1 of what is no date."""
+    """Return nanoseconds since 1970; -1 if the digits are no date."""
     try:
         moment = datetime.strptime("".join(filter(str.isdigit, text)), "%Y%m%d%H%M%S").replace(tzinfo=UTC)
     except ValueError:
@@ -160,14 +165,14 @@ def _decimals(part: str) -> int:
 
 
 def _count(parts: Sequence[str]) -> ReadFraction:
-    """Milliseconds, microseconds or nanoseconds, by the longest of them."""
+    """Return a reading of counts of milliseconds, microseconds or nanoseconds: the longest one tells the unit."""
     longest = max(map(len, parts), default=9)
     unit_ns = 1_000_000 if longest <= 3 else 1000 if longest <= 6 else 1
     return lambda part: int(part or "0") * unit_ns
 
 
 def _spread(stamps: Sequence[int]) -> float:
-    """Mean deviation of the steps between stamps from the usual step, as a share of it."""
+    """Return the mean deviation of the steps between stamps from the median step, as a share of that."""
     steps = np.diff(np.sort(np.array(stamps, np.float64)))
     usual = float(np.median(steps)) if len(steps) > 1 else 0.0
     return float(np.mean(np.abs(steps - usual))) / usual if usual > 0 else float("inf")
