@@ -49,19 +49,19 @@ class LinearStart:
 
 
 def _perspective_distances(cameras: Floats, points: Floats, marks: Floats, centre: Floats) -> Floats:
-    seen = np.einsum("brc,nc->brn", cameras[:, :, :3], points) + cameras[:, :, 3:]
-    depth = np.where(seen[:, 2] > 1e-6, seen[:, 2], 1e-6)
-    distance = np.hypot(seen[:, 0] / depth - marks[:, 0], seen[:, 1] / depth - marks[:, 1])
-    return np.where(seen[:, 2] > 1e-6, distance, _FAR)
+    projected = np.einsum("brc,nc->brn", cameras[:, :, :3], points) + cameras[:, :, 3:]
+    depth = np.where(projected[:, 2] > 1e-6, projected[:, 2], 1e-6)
+    distance = np.hypot(projected[:, 0] / depth - marks[:, 0], projected[:, 1] / depth - marks[:, 1])
+    return np.where(projected[:, 2] > 1e-6, distance, _FAR)
 
 
 def _radial_distances(cameras: Floats, points: Floats, marks: Floats, centre: Floats) -> Floats:
     # From the half line out of the centre on which the mark must lie.
-    seen = np.einsum("brc,nc->brn", cameras[:, :, :3], points) + cameras[:, :, 3:]
+    projected = np.einsum("brc,nc->brn", cameras[:, :, :3], points) + cameras[:, :, 3:]
     offset = marks - centre
-    length = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-300)
-    across = np.abs(offset[:, 0] * seen[:, 1] - offset[:, 1] * seen[:, 0]) / length
-    along = (offset[:, 0] * seen[:, 0] + offset[:, 1] * seen[:, 1]) / length
+    length = np.maximum(np.hypot(projected[:, 0], projected[:, 1]), 1e-300)
+    across = np.abs(offset[:, 0] * projected[:, 1] - offset[:, 1] * projected[:, 0]) / length
+    along = (offset[:, 0] * projected[:, 0] + offset[:, 1] * projected[:, 1]) / length
     return np.where(along > 0.0, across, np.hypot(offset[:, 0], offset[:, 1]))
 
 
@@ -70,8 +70,8 @@ def _direct_linear(points: Floats, marks: Floats, centre: Floats) -> Floats:
     # Centred and scaled on both sides (Hartley 1997), or the equations are hopelessly conditioned.
     X, space = _normalised(points)
     x, image = _normalised(marks)
-    one = np.ones_like(X[..., :1])
-    H = np.concatenate([X, one], axis=-1)
+    ones = np.ones_like(X[..., :1])
+    H = np.concatenate([X, ones], axis=-1)
     none = np.zeros_like(H)
     rows = [
         np.concatenate([H, none, -x[..., :1] * H], axis=-1),
@@ -92,8 +92,8 @@ def _radial_alignment(points: Floats, marks: Floats, centre: Floats) -> Floats:
     A = np.concatenate([-offsets[..., 1:] * H, offsets[..., :1] * H], axis=-1)
     unit = A / np.maximum(np.linalg.norm(A, axis=-1, keepdims=True), 1e-300)
     rows = _null_vector(unit).reshape(-1, 2, 4) @ space
-    seen = np.einsum("brc,bnc->bnr", rows[:, :, :3], points) + rows[:, None, :, 3]
-    agree = np.sum(np.sign(np.sum(seen * offsets, axis=-1)), axis=1)
+    projected = np.einsum("brc,bnc->bnr", rows[:, :, :3], points) + rows[:, None, :, 3]
+    agree = np.sum(np.sign(np.sum(projected * offsets, axis=-1)), axis=1)
     rows *= np.where(agree < 0.0, -1.0, 1.0)[:, None, None]
     return np.concatenate([rows, np.zeros_like(rows[:, :1])], axis=1)
 

@@ -61,17 +61,20 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
     if not compared:
         return _HALVES.not_checked("The pairs are too few for two fits.", "Mark more corners.")
     figures: dict[str, float | None] = {}
-    for one in compared:
-        figures |= {f"{one.split}_ratio": one.ratio, f"{one.split}_field_px": one.field_px}
-        figures |= {"turned_deg": one.turned_deg} if one.turned_deg is not None else {}
-    apart = [one for one in compared if not one.holds]
+    for comparison in compared:
+        figures |= {
+            f"{comparison.split}_ratio": comparison.ratio,
+            f"{comparison.split}_field_px": comparison.field_px,
+        }
+        figures |= {"turned_deg": comparison.turned_deg} if comparison.turned_deg is not None else {}
+    apart = [comparison for comparison in compared if not comparison.holds]
     if not apart:
-        ratios = " and ".join(f"{one.ratio:.2f}" for one in compared)
+        ratios = " and ".join(f"{comparison.ratio:.2f}" for comparison in compared)
         return _HALVES.passes(
             f"Two halves of the pairs give results {ratios} times the stated error apart; 1 is expected.", **figures
         )
     focal_px = float(np.sqrt(estimate.parameters[6] * estimate.parameters[7]))
-    worst = max(max(_off(one, focal_px), _turned(one)) for one in apart)
+    worst = max(max(_off(comparison, focal_px), _turned(comparison)) for comparison in apart)
     return _HALVES.fails(
         "stop" if worst > 1.0 else "look" if worst > HALF else "pass",
         " ".join(too_small(apart, estimate.holding)),
@@ -80,15 +83,19 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
     )
 
 
-def _off(one: Halves, focal_px: float) -> float:
+def _off(comparison: Halves, focal_px: float) -> float:
     """By how much the marks' projections differ, over what use allows; 0 within chance."""
-    return over_use(one.field_px, focal_px) if one.field_ratio > one.field_limit else 0.0
+    return over_use(comparison.field_px, focal_px) if comparison.field_ratio > comparison.field_limit else 0.0
 
 
-def _turned(one: Halves) -> float:
-    if one.turned_deg is None or one.turned_ratio is None or one.turned_limit is None:
+def _turned(comparison: Halves) -> float:
+    if comparison.turned_deg is None or comparison.turned_ratio is None or comparison.turned_limit is None:
         return 0.0
-    return float(np.radians(one.turned_deg)) / _TURN_LIMIT_RAD if one.turned_ratio > one.turned_limit else 0.0
+    return (
+        float(np.radians(comparison.turned_deg)) / _TURN_LIMIT_RAD
+        if comparison.turned_ratio > comparison.turned_limit
+        else 0.0
+    )
 
 
 def shared_errors(estimate: Estimate, result: FitResult) -> Check:
@@ -109,7 +116,7 @@ def shared_errors(estimate: Estimate, result: FitResult) -> Check:
         grave |= over_time.evidence > _BEYOND_CHANCE[1] and over_time.shift_px > own_px
     grave &= shared.widening > _MOSTLY_SHARED or not shared.counted
     grave = grave and (estimate.errors is None or stated_over_limit(estimate, result)[0] > HALF)
-    sizes = " and ".join(_size(*one) for one in shared.deviations.items() if one[1] > 0.0)
+    sizes = " and ".join(_size(*deviation) for deviation in shared.deviations.items() if deviation[1] > 0.0)
     blocks = "group" if shared.by == "group" else "stretch of the walk"
     stretches = f"; groups near in time by {figure(over_time.shift_px)} px" if over_time else ""
     sentence = (

@@ -19,19 +19,19 @@ from workers.solver.estimate import Estimate, estimate
 
 
 def checks_of_fit(
-    found: Estimate, result: FitResult, *, pairs: Mapping[str, Sequence[Any]] | None = None
+    fit_estimate: Estimate, result: FitResult, *, pairs: Mapping[str, Sequence[Any]] | None = None
 ) -> list[Check]:
     """Return the checks of a fit, the gravest kinds first.
 
-    found: the estimate of the fit; result: what it became; pairs: the columns of its set. Wrong marks
+    fit_estimate: the estimate of the fit; result: what it became; pairs: the columns of its set. Wrong marks
     have a check of their own. All others look at the pairs that belong.
     """
-    belonging = without_outliers(found)
+    belonging = without_outliers(fit_estimate)
     causes = find_causes(belonging)
     return [
         fit(result),
         optima(result),
-        wrong_pairs(found, result),
+        wrong_pairs(fit_estimate, result),
         outside(belonging.holding, pairs or {}),
         number_of_pairs(belonging, pairs or {}),
         coverage(belonging.holding, result, pairs or {}),
@@ -45,13 +45,13 @@ def checks_of_fit(
         rolling_shutter(causes, result),
         shared_errors(belonging, result),
         halves(belonging, result),
-        precision(found, result, pairs or {}),
+        precision(fit_estimate, result, pairs or {}),
         mount_alone(result),
     ]
 
 
-def without_outliers(found: Estimate) -> Estimate:
+def without_outliers(fit_estimate: Estimate) -> Estimate:
     """Return the estimate of the pairs that belong: itself, or if the fit keeps others, that without them."""
-    if not found.outliers or found.fitted.outliers == "exclude":
-        return found
-    return estimate(replace(found.fitted, outliers="exclude"), found.held_at)
+    if not fit_estimate.outliers or fit_estimate.fitted.outliers == "exclude":
+        return fit_estimate
+    return estimate(replace(fit_estimate.fitted, outliers="exclude"), fit_estimate.held_at)

@@ -50,7 +50,7 @@ def held_out_pairs(result: FitResult, folds: Sequence[FitResult], points: ArrayL
         if heldout:
             rows = np.asarray(heldout.indices, np.int64)
             errors[rows], stretch[rows] = heldout.standard_px, heldout.stretch
-    errors[[one.index for one in result.outliers]] = np.nan
+    errors[[outlier.index for outlier in result.outliers]] = np.nan
     judged = np.isfinite(errors)
     return HeldOutPairs(errors[judged], stretch[judged], far[judged])
 
@@ -85,10 +85,10 @@ def held_out(
                 f"about {distance:.0f} m away they lie {figure(off_px)} px off beyond the noise "
                 f"(limit {figure(_limit_px(result))} px)"
             )
-    said = f"Held-out pairs lie {mean_px:.2f} px off, the fitted ones {fitted_px:.2f}"
+    sentence = f"Held-out pairs lie {mean_px:.2f} px off, the fitted ones {fitted_px:.2f}"
     return _HELD_OUT.fails(
         verdict,
-        f"{said}: {'; '.join(doubts)}." if doubts else f"{said}.",
+        f"{sentence}: {'; '.join(doubts)}." if doubts else f"{sentence}.",
         f"{more_corners(columns)}, over more of the image; check the marks and the lens model.",
         **figures,
     )

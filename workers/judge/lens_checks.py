@@ -129,19 +129,19 @@ def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
     """Whether what the request expects of parameters agrees with the pairs."""
     if not _prior_names(estimate):
         return _PRIORS.passes("The request states no priors.")
-    found = worst_prior(estimate, causes)
-    if found is None:
+    gap = worst_prior(estimate, causes)
+    if gap is None:
         return _PRIORS.not_checked("The pairs do not determine all parameters.", "Mark more corners.")
-    worst, effect = found.name, found.effect
+    worst, effect = gap.name, gap.effect
     return _PRIORS.fails(
-        graded(found.probability, effect),
+        graded(gap.probability, effect),
         f"The pairs contradict the prior of {worst}: without it points at 5 to 50 m move by "
-        f"{figure(effect.estimate)} times the limit. The value lies {found.deviations:.1f} deviations from the prior."
-        if found.probability < LOOK_RATE
-        else f"The pairs agree with the priors; {worst} is farthest off, by {found.deviations:.1f} deviations.",
+        f"{figure(effect.estimate)} times the limit. The value lies {gap.deviations:.1f} deviations from the prior."
+        if gap.probability < LOOK_RATE
+        else f"The pairs agree with the priors; {worst} is farthest off, by {gap.deviations:.1f} deviations.",
         f"Is the prior of {worst} right? Calibrate without it, and compare held-out errors.",
-        deviations=found.deviations,
-        probability=found.probability,
+        deviations=gap.deviations,
+        probability=gap.probability,
         over_limit=effect.estimate,
         at_least=effect.at_least,
     )

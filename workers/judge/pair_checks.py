@@ -50,7 +50,7 @@ _GROSS: Final = 3.0
 def wrong_pairs(estimate: Estimate, result: FitResult) -> Check:
     """Whether more pairs than slips of the hand explain do not belong, and whether they are in the fit."""
     count = len(result.outliers)
-    excluded = sum(one.excluded for one in result.outliers)
+    excluded = sum(outlier.excluded for outlier in result.outliers)
     pairs = int(np.count_nonzero(estimate.fitted.weights)) + excluded
     chance = float(special.bdtrc(count - 1, pairs, _SLIPS)) if count else 1.0
     verdict: CheckVerdict = "pass"
@@ -195,12 +195,12 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
         if apart
         else ""
     )
-    said = f"The residuals' noise is {figure(sigma)} px per coordinate"
+    sentence = f"The residuals' noise is {figure(sigma)} px per coordinate"
     return _NOISE.fails(
         verdict,
-        f"{said}, which marks and corners explain."
+        f"{sentence}, which marks and corners explain."
         if ratio <= UNEXPLAINED or chance >= LOOK_RATE
-        else f"{said}; marks and corners explain {figure(explained)} px"
+        else f"{sentence}; marks and corners explain {figure(explained)} px"
         f"{'; the rest is too small to matter' if verdict == 'pass' else ''}.",
         f"Check the marks, the times and the lens model: one of them is worse than stated.{nearest}",
         noise_px=sigma,

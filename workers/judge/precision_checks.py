@@ -83,15 +83,15 @@ def mount_alone(result: FitResult) -> Check:
     turn, shift = _largest(turns), _largest(shifts)
     lens = result.lens
     good = turn is not None and shift is not None and turn <= ALONE_LIMIT_DEG and 1e3 * shift <= ALONE_LIMIT_MM
-    known = "not determined"
+    wording = "not determined"
     if turn is not None and shift is not None:
-        known = (
+        wording = (
             f"uncertain by {figure(turn)} degrees (limit {ALONE_LIMIT_DEG:g}) and {figure(1e3 * shift)} mm "
             f"(limit {ALONE_LIMIT_MM:g}), at 95 %"
         )
     return _ALONE.fails(
         "pass" if good else "stop",
-        f"Without its lens ({lens}) the mount is {known}.",
+        f"Without its lens ({lens}) the mount is {wording}.",
         "Load mount and lens together. "
         + (next_sentence(result.next_steps) if result.next_steps else "State the lens." * (lens == "fitted")),
         half_width_deg=turn,

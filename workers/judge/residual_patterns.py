@@ -116,8 +116,8 @@ def _told_apart(errors: ErrorModel, rows: Floats) -> Floats:
     # Priors hold parameters too: they count as rows.
     root = np.linalg.cholesky(errors.fit.prior * errors.noise + 1e-12 * np.eye(len(errors.scale))).T
     basis, sizes, _ = np.linalg.svd(np.concatenate([own, root]), full_matrices=False)
-    kept = basis[:, sizes > 1e-9 * sizes[0]]
+    own_basis = basis[:, sizes > 1e-9 * sizes[0]]
     padded = np.concatenate([G * scale, np.zeros((len(root), G.shape[1]))])
-    rest = padded - kept @ (kept.T @ padded)
+    rest = padded - own_basis @ (own_basis.T @ padded)
     _, left, turn = np.linalg.svd(rest, full_matrices=False)
     return scale[:, None] * turn[left > _LEAST_SHARE].T

@@ -147,30 +147,32 @@ def _fit(
         return None
     # Neighbouring profiles are averaged: their noise and the texture behind the board do not repeat along an edge.
     averaged = cv2.sepFilter2D(profiles, -1, np.ones(1), _AVERAGE, borderType=cv2.BORDER_REPLICATE)
-    found = find_edges(np.asarray(averaged, np.float64), across, wide, sigma, _AVERAGED * crop.noise)
+    profile_edges = find_edges(np.asarray(averaged, np.float64), across, wide, sigma, _AVERAGED * crop.noise)
     tolerance = max(tolerance, _SOFT_SHARE * softness)
-    start = _voted(found, edge.along, wide, tolerance, inside)
-    return _refined(found, edge.along, start, tolerance, usable, sigma)
+    start = _voted(profile_edges, edge.along, wide, tolerance, inside)
+    return _refined(profile_edges, edge.along, start, tolerance, usable, sigma)
 
 
-def _voted(found: ProfileEdges, along: Floats, wide: float, tolerance: float, inside: float) -> tuple[float, float]:
+def _voted(
+    profile_edges: ProfileEdges, along: Floats, wide: float, tolerance: float, inside: float
+) -> tuple[float, float]:
     """Offset and slope of a line that many profiles have an edge on, a Hough transform over both.
 
     A pattern has lines of its own, which may be the stronger ones: of lines with nearly as many profiles as the best
     the outermost is taken.
     """
-    offsets, share = found.offsets, found.share
+    offsets, share = profile_edges.offsets, profile_edges.share
     reach = float(along[-1] - along[0])
     middle = 0.5 * float(along[-1] + along[0])
     bin_px = 0.5 * tolerance
     steepest = (wide if wide > _HALVED_PX else 0.5 * wide) / max(0.5 * reach, 1.0)
     slopes = np.linspace(-steepest, steepest, _SLOPES)
     there = np.isfinite(offsets)
-    place = np.where(there, offsets, 0.0)[None] - slopes[:, None, None] * (along - middle)[:, None]
+    offset_at_middle = np.where(there, offsets, 0.0)[None] - slopes[:, None, None] * (along - middle)[:, None]
     count = int(np.ceil(4.0 * wide / bin_px)) + 1
-    bins = np.clip(np.rint(place / bin_px).astype(np.int64) + count // 2, 0, count - 1)
+    bins = np.clip(np.rint(offset_at_middle / bin_px).astype(np.int64) + count // 2, 0, count - 1)
     bins += (np.arange(_SLOPES) * count)[:, None, None]
-    weight = np.broadcast_to(np.where(there, share, 0.0), place.shape)
+    weight = np.broadcast_to(np.where(there, share, 0.0), offset_at_middle.shape)
     votes = np.bincount(bins.ravel(), weight.ravel(), _SLOPES * count).reshape(_SLOPES, count)
     votes[:, 1:-1] += 0.5 * (votes[:, :-2] + votes[:, 2:])
     at_middle = (np.arange(count) - count // 2) * bin_px
@@ -236,8 +238,8 @@ def _line_covariance(A: Floats, weight: Floats, rest: Floats) -> Floats:
     lags = np.arange(1, min(len(r) // 3, 16) + 1)
     correlation = np.array([float(np.sum(r[lag:] * r[:-lag])) for lag in lags]) / max(float(np.sum(r * r)), 1e-12)
     ends = np.flatnonzero(correlation < 0.0)
-    kept = correlation[: ends[0]] if ends.size else correlation
-    inflation = 1.0 + 2.0 * float(kept.sum())
+    leading = correlation[: ends[0]] if ends.size else correlation
+    inflation = 1.0 + 2.0 * float(leading.sum())
     normal = (a * w[:, None]).T @ a + 1e-9 * np.eye(2)
     return variance * inflation * np.asarray(np.linalg.inv(normal), np.float64)
 

@@ -65,14 +65,14 @@ def measure(
         changes: the result of `changes_outside` for each measured corner is appended to it.
         besides: the result of `look_beside` for each measured corner is put into it.
     """
-    found: dict[int, Measured] = {}
+    measured: dict[int, Measured] = {}
     ordered = sorted(indices, key=lambda index: task.sights[index].frame)
     for frame, of_frame in groupby(ordered, key=lambda index: task.sights[index].frame):
         image = task.frames[frame]
         for index in of_frame:
             task.on_sight()
             sight = task.sights[index]
-            found[index] = {}
+            measured[index] = {}
             for name in corners:
                 ends = sight.neighbours(name) if name in sight.corners else None
                 if ends is None:
@@ -83,7 +83,7 @@ def measure(
                 sides = (ends[0] + away[1], ends[1] + away[0])
                 edges = (_edge(camera, corner, sides[0]), _edge(camera, corner, sides[1]))
                 fit = measure_corner(image, edges, half_width, softness)
-                found[index][name] = fit
+                measured[index][name] = fit
                 if not isinstance(fit, CornerFit):
                     continue
                 scales = np.array([_px_per_m(camera, corner, *pair) for pair in (sides, sides[::-1])])
@@ -91,7 +91,7 @@ def measure(
                     changes.append(changes_outside(image, edges, fit, scales))
                 if besides is not None:
                     besides[index, name] = look_beside(image, edges, fit, scales.mean(axis=1))
-    return found
+    return measured
 
 
 def with_alternatives(measured: dict[int, Measured], besides: dict[CornerKey, Beside]) -> dict[int, Measured]:

@@ -62,8 +62,8 @@ class SeedPairs:
     def without(self, explained: NDArray[np.bool_]) -> SeedPairs:
         """The seeds but those (M, K); slots that lose all are left out."""
         seeds = np.where(explained[..., None], np.nan, self.seeds)
-        kept = np.isfinite(seeds).any(axis=(1, 2))
-        return SeedPairs(self.points[kept], seeds[kept], self.sight[kept], self.tip[kept])
+        has_seeds = np.isfinite(seeds).any(axis=(1, 2))
+        return SeedPairs(self.points[has_seeds], seeds[has_seeds], self.sight[has_seeds], self.tip[has_seeds])
 
 
 @dataclass(frozen=True, eq=False)

@@ -211,7 +211,7 @@ def _from_candidates(
 
 
 def _marked(measured: dict[int, Measured]) -> int:
-    return sum(any(isinstance(one, CornerFit) for one in corners.values()) for corners in measured.values())
+    return sum(any(isinstance(corner, CornerFit) for corner in corners.values()) for corners in measured.values())
 
 
 def _sight_scores(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> list[float]:
@@ -327,20 +327,20 @@ def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None, sights: Sequence[S
             f"The board {hides} the same part of the background in more than half of the frames, so that the machine "
             "cannot tell the two apart: move it by its own width between poses.",
         )
-    empty = sum(not one.pixels for one in seeds)
+    empty = sum(not frame.pixels for frame in seeds)
     if empty > (1.0 - LEAST_SHARE) * len(seeds):
         return (
             "background_colour",
             f"In {empty} of {len(seeds)} frames nothing differs from the background: the board may have its colour.",
         )
-    gains = [one.gain for one in seeds]
+    gains = [frame.gain for frame in seeds]
     if max(gains) > (1.0 + _GAIN_STEP) * min(gains):
         return (
             "exposure",
             f"The frames' brightness changes by a factor of {max(gains) / min(gains):.1f}, and no mount explains "
             "what differs between them: lock the camera's exposure.",
         )
-    crowded = sum(one.rivals > 0 for one in seeds)
+    crowded = sum(frame.rivals > 0 for frame in seeds)
     others = f" In {crowded} frames more than one thing moves." if crowded > 0.3 * len(seeds) else ""
     unknown = " State the camera's lens (--intrinsics FILE, or on the recording's page)." if lens is None else ""
     return "no_consensus", f"No mount explains where things move in {len(seeds)} frames.{others}{unknown}"

@@ -87,11 +87,11 @@ def find_seeds(frames: FrameSource, chosen: Sequence[int], upper_corner: int = 0
     slack: Single = np.float32(_SHAKE_PX) * np.hypot(
         cv2.Sobel(soft, -1, 1, 0, scale=0.125), cv2.Sobel(soft, -1, 0, 1, scale=0.125)
     )
-    found: list[FrameSeeds] = []
+    frame_seeds: list[FrameSeeds] = []
     for index, image, gain in zip(chosen, matched, gains, strict=True):
         pixels, rivals = _seeds_of(image.astype(np.float32) - background, slack, shrink, upper_corner)
-        found.append(FrameSeeds(index, pixels, gain, rivals))
-    return found
+        frame_seeds.append(FrameSeeds(index, pixels, gain, rivals))
+    return frame_seeds
 
 
 def _reduced(image: Image) -> tuple[Image, int]:
@@ -158,25 +158,25 @@ def _of_blob(places: NDArray[np.int64], shape: tuple[int, ...], upper_corner: in
     outline = cv2.convexHull(places.astype(np.int32))
     hull = cv2.approxPolyDP(outline, 1.5, closed=True).reshape(-1, 2).astype(np.float64)
     inside = np.all((hull > 1.0) & (hull < (shape[1] - 2.0, shape[0] - 2.0)), axis=1)
-    found: dict[CornerName, Floats] = {}
+    by_corner: dict[CornerName, Floats] = {}
     if upper_corner:
         upper: dict[CornerName, int] = {"top": -upper_corner, "right" if upper_corner > 0 else "left": upper_corner}
         for name, side in upper.items():
             away = np.array([side * np.cos(_UPWARD), -np.sin(_UPWARD)])
             farthest = (hull @ away).argmax(axis=0)
-            found[name] = _apart(hull[farthest[inside[farthest]]], _APART * shape[1])
-        return {name: pixels for name, pixels in found.items() if len(pixels)}
+            by_corner[name] = _apart(hull[farthest[inside[farthest]]], _APART * shape[1])
+        return {name: pixels for name, pixels in by_corner.items() if len(pixels)}
     highest = _apart(hull[inside][np.argsort(hull[inside, 1], kind="stable")], _APART * shape[1])
     if len(highest):
-        found["top"] = highest
+        by_corner["top"] = highest
     ends: tuple[tuple[CornerName, int], ...] = (
         ("left", int(hull[:, 0].argmin())),
         ("right", int(hull[:, 0].argmax())),
     )
     for name, end in ends:
         if inside[end]:
-            found[name] = hull[end : end + 1]
-    return found
+            by_corner[name] = hull[end : end + 1]
+    return by_corner
 
 
 def _apart(ordered: Floats, distance: float) -> Floats:

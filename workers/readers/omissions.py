@@ -132,7 +132,7 @@ class Omissions:
         ]
 
     def refusal(self, topic: str) -> ReadError | None:
-        """Return the error for a topic of which nothing was taken, by the most frequent reason; None without omissions."""
+        """Return the most frequent reason why nothing of a topic was taken; None if nothing was left out of it."""
         tallies = [tally for (name, _), tally in self._tallies.items() if name == topic]
         if not tallies:
             return None

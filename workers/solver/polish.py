@@ -259,11 +259,11 @@ def _descend(
     lower, upper = (end[free] for end in _walls_of(problem))
     count = 2 * len(problem.points)
 
-    at, known = np.full(len(free), np.nan), (np.empty(0), np.empty((0, 0)))
+    at, evaluated = np.full(len(free), np.nan), (np.empty(0), np.empty((0, 0)))
     used, met_wall = problem.weights > 0.0, False
 
     def both(x: Floats) -> tuple[Floats, Floats]:
-        nonlocal known, met_wall
+        nonlocal evaluated, met_wall
         # SciPy asks for the derivatives where it has just asked for the residuals.
         if not np.array_equal(at, x):
             problem.stop.check()
@@ -271,8 +271,8 @@ def _descend(
             weighted = weighted_residuals(problem, p, walls=walls)
             # Forbidden projections have no derivatives.
             met_wall = met_wall or not np.all(np.any(weighted[1][:count].reshape(len(used), -1)[used], axis=1))
-            known = weighted if scale is None else saturated(*weighted, count, scale)
-        return known
+            evaluated = weighted if scale is None else saturated(*weighted, count, scale)
+        return evaluated
 
     def residuals_at(x: Floats) -> Floats:
         return both(x)[0]

@@ -13,8 +13,8 @@ from workers.validation.offsets import Peak
 FINE_DEG: Final = 0.15
 # A chi-square of two degrees of freedom exceeds this once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = 13.816
-# A verdict needs a peak that leads by so many deviations of its lead. On reversed images, where nothing fits, it leads
-# by 0.6.
+# A verdict needs a peak that leads by so many deviations of its lead. On reversed images, where nothing fits, a peak
+# leads by 0.6.
 _CLEAR: Final = 2.0
 # A larger deviation of the offset hides a knock of a quarter of a degree.
 _VAGUE_DEG: Final = 0.25
