@@ -148,7 +148,7 @@ def fit_request(
 
 
 def in_radians(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same values under the parameters' own names: what is given in degrees becomes radians."""
+    """Return the values under the parameters' own names, with degrees converted to radians."""
     return {bare_name(name): _radians(value) if bare_name(name) != name else value for name, value in values.items()}
 
 

@@ -82,6 +82,6 @@ class MachineMark(Sent):
 
 
 class MarksList(Sent):
-    """All that the machine says of a detection's vertices in one camera."""
+    """The machine's marks of a detection's vertices in one camera, with the reasons for those without."""
 
     marks: list[MachineMark]

@@ -11,7 +11,7 @@ Deviations = dict[str, float | None]
 
 
 class Covariance(Document):
-    """Of the free parameters, in degrees, metres and pixels; rotations are small turns about the camera's axes."""
+    """The free parameters' covariance: degrees, metres, pixels; rotations are small turns about the camera's axes."""
 
     names: list[str]
     units: list[str]
@@ -200,7 +200,7 @@ class Precision(Document):
 
 
 class FitPrecision(Precision):
-    """The same of a whole fit.
+    """The precision of a whole fit.
 
     ``noise_scale`` says how many times larger the errors are than stated, where pairs weigh by what they state.
     ``rank`` and ``condition`` are those of the Jacobian with columns of unit length; the condition is null unless the

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class WorkState(StrEnum):
-    """Of a job, an analysis, a detection, a calibration and its runs."""
+    """State of a job, an analysis, a detection, a calibration or a run."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -19,7 +19,7 @@ UNENDED = (WorkState.QUEUED, WorkState.RUNNING)
 
 
 class RecordingState(StrEnum):
-    """Of a recording: its upload, its ingestion, and what came of that."""
+    """State of a recording: its upload, its ingestion and the outcome."""
 
     UPLOADING = "uploading"
     QUEUED = "queued"
@@ -38,7 +38,7 @@ class RequestState(StrEnum):
 
 
 class VehicleState(StrEnum):
-    """Of a vehicle in a fleet request. ``running`` is never stored: the states of its jobs say it."""
+    """State of a vehicle in a fleet request. ``running`` is never stored: it follows from the states of its jobs."""
 
     QUEUED = "queued"
     RUNNING = "running"

@@ -97,7 +97,7 @@ def _in_deviations(apart: Mapping[str, float], names: list[str], C: Floats) -> d
 
 
 def _covariance(result: Compared, names: list[str]) -> Floats:
-    """Of the mount's parameters, people's units; with what other models add to the variances."""
+    """Return the covariance of the mount's parameters, in people's units, with the spread between models."""
     rows = [result.covariance.names.index(name) for name in names]
     C = np.array(result.covariance.matrix, np.float64)[np.ix_(rows, rows)]
     whole = np.array([result.std[name] or 0.0 for name in names]) ** 2

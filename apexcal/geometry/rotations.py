@@ -129,7 +129,7 @@ def _vector(values: ArrayLike) -> Floats:
 
 
 def _mirrored(R: Floats) -> Floats:
-    """The same turn where x and z change names: of Rx(a) Ry(b) Rz(g) it is Rz(-a) Ry(-b) Rx(-g), and back."""
+    """Return the turn with the axes x and z exchanged: Rx(a) Ry(b) Rz(g) becomes Rz(-a) Ry(-b) Rx(-g), and back."""
     return R[::-1, ::-1].copy()
 
 

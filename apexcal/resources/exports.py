@@ -54,7 +54,7 @@ class Exports(Resource):
         return self._patched(_current(vehicle_id, camera), urdf, joint, links)
 
     def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> ExportedFile:
-        """The same with any result."""
+        """Like the method above, with any result in place of the current calibration."""
         return self._patched(at("results", result_id), urdf, joint, links)
 
     def _file(self, path: str, format: str, **query: str) -> ExportedFile:

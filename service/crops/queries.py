@@ -47,7 +47,7 @@ def newest_marks(session: Session, detection_id: UUID, camera: str) -> Analysis 
 
 
 def marks_of(analysis: Analysis) -> list[Json]:
-    """All that an analysis says of vertices, marks and reasons; empty until it is done."""
+    """Return an analysis's rows of vertices with their marks or reasons; empty until it is done."""
     columns: Json = (analysis.result or {}).get("marks", {})
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 

@@ -17,7 +17,7 @@ Record = dict[str, Any]
 
 
 def _token(*named: str) -> str:
-    """The same for the same sensor and result: 32 hexadecimal digits, as the dataset's."""
+    """Return a token of 32 hexadecimal digits, as the dataset has them: equal names give equal tokens."""
     return sha256("\0".join(named).encode()).hexdigest()[:32]
 
 

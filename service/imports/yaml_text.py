@@ -74,7 +74,7 @@ def read_yaml(name: str, text: str) -> Mapping[str, Any]:
 
 
 def _with_text_keys(value: Any) -> Any:
-    """The same with text as keys at every depth: YAML reads `1:` as a number, and `on:` as a truth."""
+    """Return a value whose keys are text at every depth. YAML reads the key `1:` as a number and `on:` as a truth."""
     if isinstance(value, dict):
         members: dict[Any, Any] = value
         return {str(key): _with_text_keys(each) for key, each in members.items()}

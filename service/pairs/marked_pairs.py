@@ -163,7 +163,7 @@ def _numbered(markers: Sequence[Sequence[UUID]]) -> list[list[int]]:
 
 
 def _clock_sigma_ms(session: Session, detection: Detection, camera: Sensor) -> float | None:
-    """Of the estimate whose offset this detection's pairing used; None if it used none."""
+    """Return the deviation of the clock offset that this detection's pairing used; None if it used no estimate."""
     offset_ns = detection.pairing.get("offset_ns", 0)
     analyses = session.scalars(
         select(Analysis)

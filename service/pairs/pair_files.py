@@ -63,7 +63,7 @@ def read_csv(text: str) -> Columns:
 
 
 def read_json(body: bytes) -> Columns:
-    """The same columns from ``{"pairs": [{"x", "y", "z", "u", "v", "stamp_ns"?, "group"?, ...}]}``.
+    """Read the columns of ``{"pairs": [{"x", "y", "z", "u", "v", "stamp_ns"?, "group"?, ...}]}``.
 
     Raises:
         Problem: 422 ``invalid_pairs``, naming the pair and its member.

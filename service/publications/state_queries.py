@@ -44,7 +44,7 @@ def state_of_vehicle(dialect: str) -> Select[str]:
 
 @cache
 def state_for_token(dialect: str) -> Select[str]:
-    """The same where the API token with the hash ``secret`` may see the vehicle, else no row."""
+    """Select the state if the API token with the hash ``secret`` may see the vehicle, else no row."""
     lasts = or_(ApiToken.expires_at.is_(None), ApiToken.expires_at > now())
     in_fleet = and_(Membership.person_id == Person.id, Membership.fleet_id == Vehicle.fleet_id)
     return (

@@ -57,7 +57,7 @@ def find_vehicle_calibration(
     fleet: Annotated[Sought | None, Query(description=_FLEET)] = None,
     sensor: Annotated[Sought | None, Query(description=_SENSOR)] = None,
 ) -> Response:
-    """The same for the vehicle of this name, or with this sensor: for cars that do not know the vehicle's id."""
+    """A whole vehicle's calibration by its name or by a sensor, for cars that do not know the vehicle's id."""
     retrieval: Retrieval = request.app.state.retrieval
     of = vehicle_of(access, vehicle, fleet, sensor)
     return retrieval.answer_within(access.session, request, of, selection, format_name)

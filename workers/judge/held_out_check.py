@@ -100,10 +100,10 @@ def _limit_px(result: FitResult) -> float:
 
 
 def _by_distance(result: FitResult, pairs: HeldOutPairs) -> list[tuple[float, float, float]]:
-    """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and its probability.
+    """Return, for each distance with enough pairs, metres, RMS beyond the noise (px) and its probability by chance.
 
-    Half of the squares of a noise of 1 px are exponential; their median is ln 2, known to 1 / sqrt(M). One block that
-    lies beyond all fitted pairs does not decide.
+    The RMS is a typical point's: the squares of a noise of 1 px, halved, are exponential, and their median is ln 2,
+    known to 1 / sqrt(M). So one block beyond all fitted pairs does not decide.
     """
     noise_px = result.sigma_px
     edges = np.sqrt(np.array(DISTANCES_M[:-1]) * np.array(DISTANCES_M[1:]))

@@ -76,7 +76,7 @@ def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], ev
 
 
 def _rank(model: Candidate, by_error: float, name: str) -> tuple[object, ...]:
-    """Of models that predict alike: one that is determined, inside its bounds, with the fewest parameters."""
+    """Return the rank among models that predict alike: determined, inside its bounds, fewest parameters first."""
     return not model.sound, bool(model.at_bounds), model.free_parameters, model.parameters, by_error, name
 
 

@@ -35,7 +35,7 @@ class FrameImage:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """All that the report of one result reads.
+    """The data that the report of one result is made of.
 
     ``result`` is a fit to all pairs, ``problem`` its problem, ``heldout`` the held-out errors of its folds.
     ``pairs``: columns of equal lengths. ``checks``: all checks of the result. ``summary``: the camera's models side

@@ -31,7 +31,7 @@ class Blocks:
     moments: Floats | None = None
 
     def taken(self, rows: Indices) -> Blocks:
-        """Those of the pairs at these rows."""
+        """Return the blocks of the pairs at these rows."""
         return Blocks(_numbered(self.labels[rows]), self.kind, None if self.moments is None else self.moments[rows])
 
     @property

@@ -68,7 +68,7 @@ class Component:
         return np.exp(-gaps / self.lasts) if self.lasts < inf else np.where(gaps < inf, 1.0, 0.0)
 
     def lasting(self, times: float) -> Component:
-        """The same with so many times T."""
+        """Return the component with its T multiplied by ``times``."""
         return replace(self, lasts=times * self.lasts)
 
     def product(self, rows: Floats) -> Floats:

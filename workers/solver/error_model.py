@@ -67,19 +67,19 @@ class ErrorModel:
         return self._step(*self._influence(()))
 
     def without(self, term: str) -> ErrorModel:
-        """The same without what that term of the common errors adds."""
+        """Return the model without one term of the common errors."""
         rest = np.array([name != term for name in self.terms], np.bool_)
         terms = tuple(name for name in self.terms if name != term)
         return replace(self, common=self.common[:, :, rest], terms=terms)
 
     def with_shares(self, shares: Shares) -> ErrorModel:
-        """The same with noise and with what some pairs share."""
+        """Return the model with this noise and these errors that some pairs share."""
         return replace(
             self, noise=shares.noise, shared=shares.components, variances=shares.variances, unsure=shares.unsure
         )
 
     def with_columns(self, columns: Floats, sigma: float = np.inf) -> ErrorModel:
-        """The same fit with further unknowns, by their derivatives (N, 2, e); each is zero, give or take sigma."""
+        """Return the fit with e further unknowns of mean 0 and deviation sigma, by their derivatives (N, 2, e)."""
         more = columns.shape[2]
         lengths = np.sqrt(np.sum(columns**2, axis=(0, 1)))
         scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
@@ -145,7 +145,7 @@ class ErrorModel:
         return 2.0 / unsure if unsure > 0.0 else np.inf
 
     def of_pairs(self) -> ErrorModel:
-        """The same without what all pairs share."""
+        """Return the model without the errors that all pairs share."""
         return replace(self, common=self.common[:, :, :0], terms=(), estimated=0, moved=np.zeros(0))
 
     @cached_property

@@ -203,7 +203,7 @@ class FitProblem:
         )
 
     def moved_by(self, late_s: NDArray[np.float64] | float) -> FitProblem:
-        """The same with each point (N, 3) where the apex was that much later (N,)."""
+        """Return the problem with each point (N, 3) moved to where the apex was ``late_s`` (N,) later."""
         if self.velocities is None:
             return self
         return replace(self, points=self.points + np.reshape(late_s, (-1, 1)) * self.velocities)

@@ -1,4 +1,4 @@
-"""The same LiDAR vertex marked in two cameras: one camera's mark, predicted from the other's."""
+"""LiDAR vertices that were marked in two cameras: one camera's mark, predicted from the other's."""
 
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence

@@ -29,7 +29,7 @@ _RANK_TOLERANCE: Final = 1e-8
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Of the free parameters, in people's units (degrees, metres, pixels).
+    """The uncertainty of the free parameters, in people's units (degrees, metres, pixels).
 
     names, units and std (F,) and covariance (F, F). std is infinite where the pairs do not determine the
     parameter. Rotations are small turns about the camera's axes at the solution, which have no singular point;

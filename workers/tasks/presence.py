@@ -48,7 +48,7 @@ class Presence:
         return cls(f"{worker.hostname}:{os.getpid()}", queues, worker.concurrency or 1)
 
     def say(self, *, warm: bool) -> None:
-        """That it lives. Where the database does not answer at once, the next time is soon enough."""
+        """Write that the worker lives. If the database does not answer at once, the next call is soon enough."""
         first = self._about | {"started_at": now()}
         self._write(
             lambda connection: put(connection, Worker, {"name": self._name}, {"at": now(), "warm": warm}, first=first)

@@ -84,7 +84,7 @@ class EdgeCheck:
 
     @property
     def score(self) -> float:
-        """That of the calibration as it is."""
+        """Return the score of the calibration as it is."""
         return float(self._scores(np.zeros((1, 6)))[0])
 
     def result(self) -> dict[str, Any]:

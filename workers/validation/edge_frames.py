@@ -74,7 +74,7 @@ class EdgeFrame(NamedTuple):
         return cls(points, beyond, group, _WIDTH_RAD / (_WIDTH_RAD + gap), maps, scale)
 
     def made_smaller(self, pixel_rad: float, focal_px: float) -> EdgeFrame:
-        """The same with maps whose pixels are so large, if theirs are smaller."""
+        """Return the frame with its maps reduced to pixels of ``pixel_rad``, if theirs are smaller."""
         factor = 1.0 / (self.scale * focal_px * pixel_rad)
         if factor >= 1.0:
             return self

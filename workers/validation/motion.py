@@ -63,7 +63,7 @@ class Motion:
         return replace(sweep, xyz=xyz.astype(np.float32))
 
     def at(self, moment_ns: int) -> Motion:
-        """The same motion with points moved to another moment."""
+        """Return the motion that moves points to another moment."""
         return replace(self, moment_ns=moment_ns)
 
     @property
@@ -121,7 +121,10 @@ class DriveMotion(NamedTuple):
 
     @classmethod
     def of(cls, lidar: SweepFile, stamps_ns: Sequence[int], behind_ns: int) -> DriveMotion:
-        """Of frames at moments; `behind_ns` is how long after a sweep's stamp the LiDAR measures what they see."""
+        """Make the motion at the frames' stamps.
+
+        ``behind_ns``: time from a sweep's stamp until the LiDAR measures what the frame shows.
+        """
         sweeps = [lidar.nearest(stamp_ns - behind_ns) for stamp_ns in stamps_ns]
         by_sweep: dict[int, Motion | None] = {}
         for number in set(sweeps) if len(lidar) > 1 else ():

@@ -64,7 +64,7 @@ class QuotaExceededError(Exception):
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The same for programs."""
+        """Return the figures of the refusal, for programs."""
         return {"taken_bytes": self.use.taken, "quota_bytes": self.use.allowed, "asked_bytes": self.asked}
 
 

@@ -41,8 +41,8 @@ _NEAR_NS: Final = 250_000_000
 
 
 class Times(NamedTuple):
-    """Of one sensor's messages in recorded order, each (N,) int64: their number among those of all sensors, their
-    stamps and their times of recording, ns.
+    """One sensor's messages in recorded order, each (N,) int64: number among the messages of all sensors, stamp (ns)
+    and time of recording (ns).
     """
 
     number: Integers
@@ -89,7 +89,7 @@ class ClockReport:
 
     @property
     def offset_ns(self) -> int:
-        """Of a camera: what to take from its stamps so that they are by the LiDAR's clock."""
+        """Return the ns to subtract from a camera's stamps to have them by the LiDAR's clock."""
         return self.offset.offset_ns if self.offset else 0
 
 

@@ -295,7 +295,7 @@ def _normalise(
 
 
 def _serving(sinks: Mapping[str, _Lidar | _Camera]) -> Mapping[str, _Lidar | _Camera]:
-    """Those without the cameras of which no frame can be used, whose files are removed; all if no camera can."""
+    """Leave out cameras without a usable frame, and remove their files; return all if every camera lacks one."""
     empty = {name for name, sink in sinks.items() if sink.sensor.kind == "camera" and not sink.times.stamps}
     if len(empty) == len(sinks) - 1:
         return sinks

@@ -79,7 +79,7 @@ def _of_images(info: CameraInfo, image_size: tuple[int, int] | None) -> CameraIn
     sx, sy = (max(1, count) for count in info.binning)
 
     def centre(along: float, axis: int) -> float:
-        """Of the image: the first pixel of several put together has its centre between theirs."""
+        """Return the centre in the image: a pixel that joins several has its centre in their middle."""
         return (along + 0.5 - offset[axis]) / (sx, sy)[axis] - 0.5
 
     k, p = list(info.k), list(info.p)

@@ -36,7 +36,7 @@ def is_static_transforms(topic: BagTopic) -> bool:
 
 
 def static_transforms(container: Container, warnings: list[str]) -> list[FixedFrame]:
-    """Those of all ``tf_static`` topics; of a child that is said again the later one counts, as for tf2.
+    """Return the transforms of all ``tf_static`` topics. As in tf2, a child's later transform replaces the earlier.
 
     The fixed joints of a ``robot_description`` place the children that no ``tf_static`` does.
     """
@@ -97,7 +97,7 @@ def _stated(container: Container, topic: BagTopic) -> list[FixedFrame]:
 
 
 def _transform(stamped: Any) -> FixedFrame | None:
-    """None where it is no transform between two frames that can be named."""
+    """Return a message's transform; None if it is none, or if a frame's name cannot be used."""
     t, q = stamped.transform.translation, stamped.transform.rotation
     parent, child = (_frame(name) for name in (stamped.header.frame_id, stamped.child_frame_id))
     offset, turn = [float(t.x), float(t.y), float(t.z)], [float(q.x), float(q.y), float(q.z), float(q.w)]

@@ -160,11 +160,11 @@ class TopicRecording(Recording):
         return self._container.log_times(sensor.name)
 
     def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
-        """Of messages that have a stamp of their own."""
+        """Return time of recording and stamp of messages with a stamp of their own."""
         return self._message_stamps.samples(sensor.name, count)
 
     def stamps(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, int, int]]:
-        """Of messages, which are packets of a part of a sweep where a driver hands on packets."""
+        """Yield the stamps of messages. A driver's packets count one by one: each holds a part of a sweep."""
         by_name = {sensor.name: sensor for sensor in sensors}
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
             with suppress(MessageError):

@@ -63,14 +63,14 @@ class Composite(Recording):
 
     @property
     def static_transforms(self) -> Sequence[FixedFrame]:
-        """Those of all parts; of a frame that is stated again the later one counts."""
+        """The transforms of all parts; a frame's later transform replaces the earlier one."""
         return list(
             {transform.child: transform for part in self._recordings for transform in part.static_transforms}.values()
         )
 
     @property
     def warnings(self) -> list[str]:
-        """Those of all parts."""
+        """The warnings of all parts."""
         return [line for part in self._recordings for line in part.warnings]
 
     @property
@@ -80,29 +80,29 @@ class Composite(Recording):
 
     @property
     def omissions(self) -> Omissions:
-        """Those of all parts."""
+        """The omissions of all parts, under this recording's names."""
         every = Omissions()
         for part in self._recordings:
             every.update(part.omissions, {s.name: name for name, (of, s) in self._inner.items() if of is part})
         return every
 
     def samples(self, sensor: Sensor, count: int) -> Iterator[Sweep | Frame]:
-        """Those of its part."""
+        """Yield the samples of the sensor's part."""
         part, inner = self._inner[sensor.name]
         return part.samples(inner, count)
 
     def log_times(self, sensor: Sensor) -> NDArray[np.int64] | None:
-        """Those of its part."""
+        """Return the times of the sensor's part."""
         part, inner = self._inner[sensor.name]
         return part.log_times(inner)
 
     def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
-        """Those of its part."""
+        """Yield the times and stamps of the sensor's part."""
         part, inner = self._inner[sensor.name]
         return part.log_and_stamp(inner, count)
 
     def stamps(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, int, int]]:
-        """Those of its parts, one after the other."""
+        """Yield the stamps of all parts, one part after the other."""
         for part in self._recordings:
             outer = {inner.name: s for s in sensors for of, inner in [self._inner[s.name]] if of is part}
             for sensor, stamp_ns, log_ns in part.stamps([s for s in part.sensors if s.name in outer]):
