@@ -119,7 +119,7 @@ log = logging.getLogger(__name__)
 
 
 def _housework(store: Store, settings: Settings) -> Sequence[Callable[[Database], object]]:
-    """What removes what has ended and counts rows."""
+    """Return the upkeep: functions that remove ended things and count rows."""
 
     def audit_store(database: Database) -> None:
         audit_if_due(database, store, settings)

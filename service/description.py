@@ -1,4 +1,4 @@
-"""What the API's description says besides what FastAPI derives: credentials, headers, refusals, words, examples."""
+"""Parts of the API's description that FastAPI does not derive: credentials, headers, refusals, words, examples."""
 
 from __future__ import annotations
 

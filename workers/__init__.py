@@ -1,1 +1,1 @@
-"""What reads recordings, finds vertices and solves; it never speaks HTTP."""
+"""Workers read recordings, find vertices and solve. They never speak HTTP."""

@@ -1,1 +1,1 @@
-"""What an operator does beside the service: back up, restore, look after people, jobs and retention."""
+"""An operator's commands beside the service: back up, restore, look after people, jobs and retention."""

@@ -50,7 +50,7 @@ class _Named(NamedTuple):
 
 
 class _Copied(NamedTuple):
-    """What was found of an object, and what is wrong with it."""
+    """The state of one copied object, and what is wrong with it."""
 
     file: BlobFile | None
     damage: str = ""

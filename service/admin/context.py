@@ -27,7 +27,7 @@ from service.platform.storage.store import Store, open_store
 
 
 class AdminError(Exception):
-    """What is wrong, and ``hint``: what to do about it."""
+    """An operator's error; ``hint`` says what to do about it."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -47,7 +47,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True)
 class Opened:
-    """What commands work on."""
+    """The database, store and settings that commands work on."""
 
     settings: Settings
     database: Database
@@ -133,7 +133,7 @@ def command(words: str) -> str:
 
 
 def program() -> str:
-    """How this program was called."""
+    """Return the name under which this program was called."""
     return os.environ.get("APEXCAL_COMMAND", "python -m service.admin")
 
 

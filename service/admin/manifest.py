@@ -1,4 +1,4 @@
-"""What a backup holds: its manifest, its files, and how it is checked before anything is restored from it."""
+"""The manifest and the files of a backup, and their check before anything is restored."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class BlobFile(_Written):
     sha256: str
 
     def path(self, folder: Path) -> Path:
-        """Where it lies in a backup. Raises :class:`AdminError` for a key that leads out of it."""
+        """Return its place in a backup. Raises :class:`AdminError` for a key that leads out of it."""
         path = (folder / BLOBS / self.key).resolve()
         if not path.is_relative_to((folder / BLOBS).resolve()):
             raise AdminError(f"the backup names an object outside itself: {self.key!r}", "Do not restore it.")

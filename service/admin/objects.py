@@ -1,4 +1,4 @@
-"""How a backup and a restore treat the store: removals are held until all is copied, and a failure is tried again."""
+"""The store during a backup or restore: removals wait until all is copied, and failures are tried again."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
 
 
 def retried(attempt: Callable[[], T]) -> T:
-    """What ``attempt`` returns. Raises :class:`StoreUnavailableError` where the last try fails too."""
+    """Return what ``attempt`` returns. Raise :class:`StoreUnavailableError` if the last try fails too."""
     for pause in PAUSES_S:
         try:
             return attempt()

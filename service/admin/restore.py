@@ -77,7 +77,7 @@ def _bring(database: Database, file: Path, report: Report) -> None:
 
 
 def _refuse_other_role(database: Database) -> None:
-    """What a backup holds is of all tables, and no other role may write all of them."""
+    """Refuse any role but the migrations': a restore writes all tables, and no other role may."""
     with database.reading() as session:
         if database.engine.dialect.name == "postgresql" and not session.scalar(text(_OWNS_ALL)):
             raise AdminError(

@@ -44,7 +44,7 @@ def plan(access: Access, request: OffsetRequest) -> Analysis:
 
 
 def members(row: Analysis) -> Json:
-    """What the answer has of its own."""
+    """Return the answer's members besides those of every analysis."""
     camera, marks = row.asked["camera"], len(row.asked["marks"]["u"])
     return {"camera": camera, "marks": marks, "hint": _how_to_use(row.result, camera) if row.result else None}
 

@@ -1,4 +1,4 @@
-"""What is put into a copy of a recording: the given calibrations, in the recording's own topics and frames."""
+"""Plan a copy of a recording: which calibration goes into which of its topics and frames."""
 
 from __future__ import annotations
 

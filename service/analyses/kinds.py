@@ -49,7 +49,7 @@ def _preview(access: Access, request: PreviewRequest) -> Analysis:
 
 
 def _copy(access: Access, request: CopyRequest) -> Analysis:
-    """What is written into the copy. Raises :class:`Problem` as ``plan_copy`` and ``plan_viewer_file`` do."""
+    """Make the row of a copy. Raises :class:`Problem` as ``plan_copy`` and ``plan_viewer_file`` do."""
     # Imported here: it needs NumPy, which takes a twentieth of the start.
     from service.analyses.copy_plan import plan_copy
     from service.analyses.viewer_plan import plan_viewer_file

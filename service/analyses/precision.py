@@ -1,4 +1,4 @@
-"""How good the calibration of a detection's marks would be now: a fit by itself, at every few dozen marks more."""
+"""Fits that the service makes by itself, every few dozen marks, to say how good a calibration would be."""
 
 from __future__ import annotations
 

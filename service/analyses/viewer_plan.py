@@ -1,4 +1,4 @@
-"""What a file for viewers holds: the given lenses, the pinholes of undistorted frames, and the cameras' poses."""
+"""Plan a file for viewers: the published lenses, the pinholes of undistorted frames, and the cameras' poses."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def has_answered(person: Any, *, decided: bool = False) -> ColumnElement[bool]:
 
 
 def answers_of_others(person_id: Any) -> ColumnElement[int]:
-    """How many other people have answered the enclosing query's ``Vertex``."""
+    """Count the other people who have answered the enclosing query's ``Vertex``."""
     return (
         select(func.count())
         .select_from(_verdict)

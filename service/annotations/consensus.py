@@ -1,4 +1,4 @@
-"""What several people say of one vertex, made into one answer. Pure functions: no database.
+"""Make one answer of several people's opinions on a vertex. Pure functions: no database.
 
 The rules, in the order in which they are applied:
 
@@ -25,7 +25,7 @@ Pixel = tuple[float, float]
 
 
 class ConsensusOutcome(StrEnum):
-    """What becomes of a vertex."""
+    """The outcome for a vertex."""
 
     KEPT = "kept"
     TIED = "tied"  # kept and flagged
@@ -62,7 +62,7 @@ class Opinion:
 
 @dataclass(frozen=True, slots=True)
 class Consensus:
-    """What the opinions amount to.
+    """The answer that the opinions give together.
 
     Attributes:
         outcome: kept, tied (kept and flagged), removed, unmarked or apart.

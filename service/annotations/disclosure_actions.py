@@ -33,7 +33,7 @@ Place = Literal["marks", "tally", "pairs", "result", "calibration", "crops"]
 
 
 class DisclosureKey(NamedTuple):
-    """What others' answers are about: a corner of the board in a frame, and in the sweep paired with it."""
+    """The subject of others' answers: a corner of the board in a frame, and in the sweep paired with it."""
 
     frame_index: int
     sweep_index: int
@@ -57,14 +57,14 @@ def is_told(person_id: Any, sensor_id: Any, frame_index: Any, corner: Any) -> Co
 
 
 def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[DisclosureKey]:
-    """What of a detection somebody else has answered in a camera."""
+    """Return the keys of a detection's corners that somebody else has answered in a camera."""
     columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
     statement = answers_of(detection_id, sensor_id, *columns).where(VERDICT.person_id != person_id)
     return {DisclosureKey(*row) for row in session.execute(statement.distinct())}
 
 
 def keys_of(session: Session, sensor_id: UUID, vertices: Sequence[UUID]) -> set[DisclosureKey]:
-    """What answers on these vertices in a camera are about."""
+    """Return the keys of the answers on these vertices in a camera."""
     columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
     paired = select(*columns).join(Vertex, Vertex.id == VertexFrame.vertex_id)
     rows = session.execute(paired.where(VertexFrame.sensor_id == sensor_id, Vertex.id.in_(vertices)))

@@ -1,4 +1,4 @@
-"""What comes one after the other: all that one person writes, and the hand-out of one recording and what reopens it.
+"""Locks: one person's writes come one after the other, and so do hand-outs of a recording and what reopens vertices.
 
 Whoever takes both takes the person's first, and the recording's before any row that refers to it. On SQLite every
 writing transaction is alone anyway.

@@ -1,4 +1,4 @@
-"""Which vertex is open to a person. The search starts where the last one was found."""
+"""Find vertices that are open to a person. The search starts where the last one ended."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _open() -> Select[Any, Any]:
 
 @cache
 def _others() -> Select[int]:
-    """How many other people hold leases on vertices of the detection in the camera."""
+    """Count the other people who hold leases on vertices of the detection in the camera."""
     of = (MarkingTask.detection_id == bindparam("detection"), MarkingTask.sensor_id == _CAMERA)
     people = select(func.count(MarkingTask.person_id.distinct())).where(*of, MarkingTask.person_id != _PERSON)
     return people.where(is_live(MarkingTask))

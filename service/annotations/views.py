@@ -158,7 +158,7 @@ def _is_own(answer: Any) -> tuple[Any, ...]:
 
 
 def find_subject(access: Access, task_id: UUID) -> Subject:
-    """What a person's own task asks, locked for an answer. Another person's tasks do not exist for them."""
+    """Lock the subject of a person's own task for an answer. For them other people's tasks do not exist."""
     for subject in subjects(access.session, access.person.id, task_id=task_id, lock=True):
         access.need(subject.fleet_id, "annotator")
         return subject
@@ -194,7 +194,7 @@ def task_view(subject: Subject) -> TaskView:
 
 
 def own_answer(subject: Subject) -> Own:
-    """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
+    """A person's verdict and mark of a vertex; also the mark of an answer that they took back."""
     last, mark = subject.last, subject.mark
     if mark is None and last is not None and last.frame_index == subject.frame.frame_index:
         mark = last

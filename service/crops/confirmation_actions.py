@@ -22,7 +22,7 @@ from service.platform.db.recordings import Sensor
 
 
 class _SeenCorner(NamedTuple):
-    """Where the mark of a vertex belongs: its apex, frame and corner."""
+    """The apex, frame and corner that a vertex's mark belongs to."""
 
     vertex_id: UUID
     apex_id: UUID

@@ -1,4 +1,4 @@
-"""Where a crop's picture is: a tile that the worker cut when it marked, or else the whole frame."""
+"""Pictures of crops: the tile that the worker cut when it marked, or else the whole frame."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def mean_sigma_px(mark: Json) -> float:
 
 @dataclass(frozen=True)
 class PageOutcome:
-    """What an answered page says. Without ``accepted`` it says only how many shifted marks were missed."""
+    """The outcome of an answered page. Without ``accepted`` only the number of missed shifts counts."""
 
     confirmed: list[UUID]
     rejected: list[UUID]
@@ -130,7 +130,7 @@ class Judgements:
 
 
 def judgements(session: Session, camera_id: UUID, analysis_id: UUID | None = None) -> Judgements:
-    """What people said on a camera's pages of crops, of all its marks or of an analysis's.
+    """Return people's judgements on a camera's pages of crops, of all its marks or of one analysis's.
 
     Of two answers of a person the later one counts.
     """
@@ -170,7 +170,7 @@ def has_hand_answer(opinions: list[Opinion]) -> bool:
 
 
 def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> CropProgress:
-    """How far people have looked at the marks of an analysis."""
+    """Return how many marks of an analysis people have looked at."""
     if analysis is None or analysis.detection_id is None:
         return CropProgress(marks=0, judged=0, blind_needed=0, next_blind=None, unmarked=0, next_unmarked=None)
     opinions = opinions_of(session, analysis.detection_id, camera.id)

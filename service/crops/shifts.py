@@ -1,4 +1,4 @@
-"""Which marks of a page are shifted, and how far. Pure functions: no database.
+"""Choose which marks of a page are shifted, and how far. Pure functions: no database.
 
 Whoever accepts all marks without a look accepts the shifted ones too, and is told so.
 """

@@ -1,4 +1,4 @@
-"""What a confirmation is worth: how many shifted marks its person missed. Pure functions: no database.
+"""The worth of confirmations, by the shifted marks that people missed. Pure functions: no database.
 
 A mark of the machine is wrong with probability p, by a shift like those that the pages show. Person i accepts a wrong
 mark with probability m_i, the share of shifted marks that they missed. Both are posterior means under Jeffreys' prior
@@ -20,7 +20,7 @@ from service.crops.shifts import shift_px
 
 @dataclass(frozen=True, slots=True)
 class ShiftCount:
-    """How many shifted marks a person was shown, and how many of them they accepted."""
+    """Counts of the shifted marks that a person was shown, and of those that they accepted."""
 
     shifted: int = 0
     missed: int = 0

@@ -1,4 +1,4 @@
-"""What a fleet has to mark and to confirm: an annotator's first page."""
+"""List a fleet's work of marking and confirming, for an annotator's first page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which format a request asks for, and the answer in it.
+"""Find the format that a request asks for, and answer in it.
 
 The formats are imported when one is asked for: they need NumPy, which takes a twentieth of the start.
 """
@@ -66,7 +66,7 @@ def exported(format_name: str, calibrated: Calibrated, conditions: Conditions) -
 
 
 def notes_header(notes: Sequence[str]) -> dict[str, str]:
-    """What the reader of a file has to know beside it: a JSON list of sentences, since headers are ASCII."""
+    """Return the header of notes on a file: a JSON list of sentences, since headers are ASCII."""
     return {"Apexcal-Notes": json.dumps(notes)} if notes else {}
 
 

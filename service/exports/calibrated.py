@@ -1,4 +1,4 @@
-"""What is exported: the calibrated cameras of one vehicle, each with its lens and its mount.
+"""The calibrated cameras of one vehicle, each with its lens and its mount: the data of every export.
 
 A calibration changes one edge of the vehicle's tree; :func:`poses` is the tree around it.
 """

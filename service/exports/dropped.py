@@ -1,4 +1,4 @@
-"""What a format's readers leave out of a lens, in pixels where the calibration's pairs lie."""
+"""The effect of lens terms that a format's readers leave out, in pixels where the calibration's pairs lie."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Dropped(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """How far, in words."""
+        """Say in a sentence how far the pixels move."""
         return f"up to {figure(self.max_px)} px, in the median {figure(self.median_px)} px, where pairs lie"
 
 
@@ -37,7 +37,7 @@ def drop(camera: CalibratedCamera, terms: list[str]) -> Dropped:
 
 
 def _through(camera: CalibratedCamera, less: CalibratedCamera, pixels: Floats) -> Floats:
-    """Where the points that one ``brown_conrady`` lens shows at the pixels (n, 2) lie through the other."""
+    """Return pixels (n, 2) by the second ``brown_conrady`` lens of points that the first one shows at pixels (n, 2)."""
     rays = np.c_[pixels, np.ones(len(pixels))] @ np.linalg.inv(np.array(camera.K)).T
     eye, zero = np.eye(3), np.zeros(3)
     points = cv2.undistortPoints(rays[:, None, :2].copy(), eye, np.array(camera.D), criteria=_ITERATIONS)

@@ -1,4 +1,4 @@
-"""What a format is, and how it refuses what it cannot carry.
+"""A format's record, and its refusal of calibrations that it cannot carry.
 
 Numbers are written so that reading gives the same bits.
 """
@@ -83,7 +83,7 @@ class Format:
 
 
 def each_camera(writers: Mapping[str, Callable[[CalibratedCamera], str]]) -> Callable[[Calibrated], Files]:
-    """What writes files of each camera: ``{}`` in their names is the camera's."""
+    """Return a writer of each camera's files; ``{}`` in their names stands for the camera's."""
     return lambda calibrated: {
         name.format(file_name(camera.name)): write(camera)
         for camera in calibrated.cameras
@@ -113,7 +113,7 @@ def _is_apart(calibrated: Calibrated) -> bool:
 
 
 def _clash(calibrated: Calibrated) -> str | None:
-    """What would be written over or contradict itself; None where nothing does."""
+    """Say which files or frames would clash; None if none do."""
     placed: dict[str, SE3] = {}
     for camera in calibrated.cameras:
         if camera.T_vehicle_lidar is None:
@@ -166,7 +166,7 @@ def _of_lens(target: Format, camera: CalibratedCamera) -> tuple[str, str] | None
 
 
 def lacking(target: Format, camera: CalibratedCamera) -> str:
-    """What the format's readers leave out of the camera's lens."""
+    """Return the terms of the camera's lens that the format's readers leave out."""
     if camera.skew and not target.skew:
         skew = figure(camera.skew, 3)
         return f"The lens of {camera.name} has a skew of {skew}, which readers of {target.title} ignore"

@@ -1,4 +1,4 @@
-"""What is exported, read from the database in one statement."""
+"""Read the data of an export from the database in one statement."""
 
 from __future__ import annotations
 

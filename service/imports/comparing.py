@@ -1,4 +1,4 @@
-"""How far a result is from a mount or lens that somebody states."""
+"""Compare a result with a mount or lens that somebody states."""
 
 from __future__ import annotations
 

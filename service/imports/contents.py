@@ -1,4 +1,4 @@
-"""What a calibration file holds, in our conventions."""
+"""The contents of a calibration file, in our conventions."""
 
 from __future__ import annotations
 

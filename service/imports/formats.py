@@ -76,7 +76,7 @@ _KINDS: Final[Mapping[ImportFormat, _Kind]] = {
 
 
 class Read(NamedTuple):
-    """What files hold, and in which format they came."""
+    """The contents of files, and their format."""
 
     format: ImportFormat
     contents: Contents
@@ -120,7 +120,7 @@ def _read(name: str, document: _Member, stated: ImportFormat | None) -> Read:
 
 
 def _joined(reads: Mapping[str, Read]) -> Read:
-    """What several files hold together: one has the lens, and the other the mount."""
+    """Join the contents of several files: one has the lens, another the mount."""
     lenses = [name for name, read in reads.items() if any(camera.lens for camera in read.contents.cameras)]
     name = lenses[0] if lenses else next(iter(reads))
     format, contents = reads[name]
@@ -142,7 +142,7 @@ def _joined(reads: Mapping[str, Read]) -> Read:
 
 
 def files_view(sent: CalibrationFiles, *, needs_size: bool = True) -> ReadFiles:
-    """What files hold. A lens without an image size has 0 x 0 pixels where ``needs_size`` is false.
+    """Show the contents of files. A lens without an image size has 0 x 0 pixels where ``needs_size`` is false.
 
     Raises:
         Problem: 422 ``calibration_file_not_read``.

@@ -1,4 +1,4 @@
-"""What documents of other programs hold, at any depth and however their names are written."""
+"""Find members in documents of other programs, at any depth and however their names are written."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> Kno
 
 
 def lens_doubts(lens: KnownLens) -> list[str]:
-    """What is unlikely of a lens, in sentences."""
+    """Return sentences about what is unlikely in a lens."""
     f_x, _, c_x, _, f_y, c_y = lens.K[:6]
     width, height = lens.width, lens.height
     doubts: list[str] = []
@@ -110,7 +110,7 @@ def _growing(radius: Floats) -> float:
 
 
 def mount_doubts(T: SE3) -> list[str]:
-    """What is unlikely of a mount, in sentences."""
+    """Return sentences about what is unlikely in a mount."""
     doubts: list[str] = []
     distance = float(np.linalg.norm(T.t))
     if distance > _LONGEST_VEHICLE_M:

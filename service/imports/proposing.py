@@ -18,7 +18,7 @@ from service.platform.db.recordings import Recording, Sensor
 
 
 class ReadFrames(NamedTuple):
-    """What a recording tells of a rig: its sensors, the LiDAR first, and the fixed transforms that it holds."""
+    """The parts of a recording that tell its rig: sensors, the LiDAR first, and fixed transforms."""
 
     sensors: list[RecordedSensor]
     static_transforms: Any

@@ -140,7 +140,7 @@ def _of_machine(mark: MachineOpinion, of_people: list[Opinion]) -> dict[str, Any
 
 
 def _velocities(vertices: Sequence[Vertex]) -> dict[UUID, list[float]]:
-    """How the corner moved at each vertex's time, m/s in the LiDAR's frame; empty for still poses."""
+    """Return the corner's velocity at each vertex's time, m/s in the LiDAR's frame; empty for still poses."""
     from apexcal.geometry.motion import velocities_of  # NumPy, which no other request for marks needs
 
     points = [[vertex.x, vertex.y, vertex.z] for vertex in vertices]

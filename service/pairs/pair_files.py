@@ -93,7 +93,7 @@ def _rows(pairs: Iterable[Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _places(header: list[str]) -> dict[str, int]:
-    """Where each name stands in the header."""
+    """Return the column of each name in the header."""
     places = {name: header.index(name) for name in (*REQUIRED, *_OPTIONAL) if name in header}
     if "group" not in places and "pose" in header:
         places["group"] = header.index("pose")

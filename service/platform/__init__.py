@@ -1,1 +1,1 @@
-"""What stands below every resource: database, storage, jobs, broker, HTTP, access, events, health and settings."""
+"""The ground below every resource: database, storage, jobs, broker, HTTP, access, events, health and settings."""

@@ -1,4 +1,4 @@
-"""What a worker hands over when it ends a job, so that the kind's ``take`` goes on with it."""
+"""Data that a worker hands over when it ends a job, for the kind's ``take`` to go on with."""
 
 from __future__ import annotations
 

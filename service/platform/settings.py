@@ -208,7 +208,7 @@ class Settings(BaseSettings):
 
     @property
     def s3(self) -> S3Options:
-        """How the bucket is reached, where the blob store is one."""
+        """Return how the bucket is reached, if the blob store is one."""
         return S3Options(
             endpoint=self.s3_endpoint,
             public_endpoint=self.s3_public_endpoint,
@@ -220,7 +220,7 @@ class Settings(BaseSettings):
 
     @property
     def log_form(self) -> Literal["text", "json"]:
-        """How processes log: a fleet's logs are read by machines."""
+        """Return the form of log lines: JSON for a fleet, whose logs machines read."""
         return self.log or ("text" if self.database.startswith("sqlite") else "json")
 
     @property
@@ -261,6 +261,6 @@ def settings_or_exit() -> Settings:
 
 
 def _sentence(name: str, wrong: str) -> str:
-    """What is wrong with a variable, without its value: that may be a secret."""
+    """Say what is wrong with a variable, without its value, which may be a secret."""
     variable = name if name.isupper() else f"APEXCAL_{name.upper()}"
     return f"{variable} cannot be used: {wrong.removeprefix('Value error, ')}"

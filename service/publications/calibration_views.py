@@ -1,4 +1,4 @@
-"""What vehicles are given, as documents: lens, transforms, quality, and for which sensors they hold."""
+"""The calibrations that vehicles get, as documents: lens, transforms, quality, and for which sensors they hold."""
 
 from __future__ import annotations
 

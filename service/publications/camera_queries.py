@@ -1,4 +1,4 @@
-"""What the cameras of a vehicle are given under an alias, now or at a moment; and why they are given nothing."""
+"""The calibrations of a vehicle's cameras under an alias, now or at a moment; or why there are none."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class PublishedCamera(NamedTuple):
-    """What one camera is given, by which publication, and the rig that it was calibrated on."""
+    """One camera's published result, its publication, and the rig that it was calibrated on."""
 
     publication: Publication
     result: Result
@@ -54,7 +54,7 @@ class PublishedCamera(NamedTuple):
 
 
 def published_cameras(session: Session, vehicle: Vehicle, selection: Selection) -> dict[str, PublishedCamera]:
-    """What each camera is given, by name.
+    """Return each camera's published calibration, by name.
 
     Raises:
         Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` if a selected camera, or every camera, was never

@@ -1,4 +1,4 @@
-"""What cars are answered, a sentence for each question that they may ask, and which of these change."""
+"""The answers to cars, a sentence for each question that they may ask, and the changes of these."""
 
 from __future__ import annotations
 

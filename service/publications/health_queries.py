@@ -106,7 +106,7 @@ def fleet_health(
 
 
 def _key(cameras: CTE, order: str) -> ColumnElement[Any]:
-    """What rows are sorted by. What is not there sorts before all else."""
+    """Return the sort key of an order; missing values sort first."""
     if order == "vehicle":
         return cameras.c.sort_name
     if order == "state":
@@ -156,7 +156,7 @@ def _is_open(cameras: CTE) -> ColumnElement[bool]:
 
 
 def _work(mounts: CTE) -> ColumnElement[Any]:
-    """What each of the mounts waits for."""
+    """Return what each camera waits for."""
     mount = mounts.c
     # A calibration that ended since, and that its checks kept from being published.
     of_run = (CalibrationRun.calibration_id == Calibration.id, CalibrationRun.camera == mount.camera)

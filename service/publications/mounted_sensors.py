@@ -1,4 +1,4 @@
-"""Which sensors a vehicle carries now, by their serial numbers, and whether a result was made with them."""
+"""The serial numbers of a vehicle's sensors now, and whether a result was made with them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Swapped(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What was swapped."""
+        """Say which sensors were swapped."""
         what = f"camera {self.camera}" if self.sensor == self.camera else f"LiDAR of {self.camera}"
         by = f"the rig {self.rig!r}" if self.rig else "the vehicle"
         return f"It is of the {what} with the serial number {self.calibrated}; {by} now says {self.mounted}."
@@ -47,7 +47,7 @@ def swapped_sensors(
     read_off: Mapping[str, str] | None = None,
     as_of: datetime | None = None,
 ) -> list[Swapped]:
-    """Which sensors are not those that were calibrated.
+    """Return the sensors that differ from the calibrated ones.
 
     ``read_off`` holds serial numbers that the asker read off its sensors, by the camera's name or ``lidar``. For
     others the vehicle's newest rig that states one counts. If either side states none, the sensor counts as not

@@ -21,7 +21,7 @@ _SHIFTS = EXTRINSICS["rotation_vector"][3:]
 
 
 class _Limit(NamedTuple):
-    """What a policy asks of one measure, in words; ``sign`` is 1 for an upper limit, -1 for a lower."""
+    """A policy's limit of one measure, in words; ``sign`` is 1 for an upper limit, -1 for a lower."""
 
     what: str
     unit: str

@@ -1,4 +1,4 @@
-"""Where aliases lead, and where results were published and withdrawn."""
+"""Queries of aliases, publications and withdrawals."""
 
 from __future__ import annotations
 

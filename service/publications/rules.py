@@ -1,4 +1,4 @@
-"""What may be published and withdrawn: fits to all pairs; against a check of `stop` only with a reason."""
+"""Rules of publishing and withdrawing: fits to all pairs; against a check of `stop` only with a reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of a vehicle's calibrations a request selects: cameras, alias, moment, and the sensors that are mounted."""
+"""A request's selection among a vehicle's calibrations: cameras, alias, moment, and mounted sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What decides a vehicle's calibration and who may see it, in one statement of look-ups by indexes."""
+"""Version of, and access to, a vehicle's calibration, in one statement of look-ups by indexes."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ from service.publications.queries import aliases_to
 
 @dataclass(frozen=True)
 class _Origin:
-    """What is deleted, by what comes from it. ``kind`` names it in sentences.
+    """A thing that is deleted, with the queries for what came from it. ``kind`` names it in sentences.
 
     ``sets``: its correspondence sets; the calibrations that used one of them go, and ``calibrations`` too.
     ``analyses``: those that are its own. ``subjects``: jobs of its own work for these.

@@ -1,4 +1,4 @@
-"""Where clients find bytes: ranges of sensors' blobs, and addresses at the store where the operator wants them.
+"""Addresses of bytes for clients: ranges of sensors' blobs, and addresses at the store where the operator wants them.
 
 Nothing is parsed to answer with a byte range, and it never changes.
 """
@@ -47,11 +47,11 @@ class Presigner:
         return self.settings.downloads == "presigned" and self.store.signs
 
     def upload(self, key: str, size: int) -> str:
-        """Where this object of ``size`` bytes is put."""
+        """Return the address at which this object of ``size`` bytes is put."""
         return self.store.sign_put(key, size, self.settings.presigned_s)
 
     def download(self, key: str) -> str | None:
-        """Where this object is read; None where it goes through the API."""
+        """Return the address at which this object is read; None if it goes through the API."""
         return self.store.sign_get(key, self.settings.presigned_s) if self.downloads else None
 
 

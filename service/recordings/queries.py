@@ -26,7 +26,7 @@ _CAMERAS = (
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:
-    """What is known of a recording, as its row keeps it, without empty members.
+    """Return the owner's statements about a recording as its row keeps them, without empty members.
 
     Raises:
         Problem: 422 ``unknown_camera``, where a topic is given for a camera that the rig does not have.

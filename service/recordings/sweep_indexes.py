@@ -31,7 +31,7 @@ class SweepIndexes:
         self._blocks: OrderedDict[tuple[str, int], bytes] = OrderedDict()
 
     async def entry(self, file: SweepsFile, index: int) -> SweepEntry:
-        """Where sweep ``index`` stands. Raises as :class:`Store` does."""
+        """Return the place of sweep ``index``. Raises as :class:`Store` does."""
         number, within = divmod(index, _BLOCK)
         return SweepEntry(*SWEEP_ENTRY.unpack_from(await self._block(file, number), SWEEP_ENTRY.size * within))
 

@@ -73,12 +73,12 @@ class Announced:
 
     @property
     def prefix(self) -> str:
-        """What the part's keys begin with."""
+        """Return the beginning of the part's keys."""
         return f"recordings/{self.recording_id}/parts/{self.number}"
 
 
 def how_to_upload(request: Request, row: Recording) -> Upload:
-    """Which way parts go, how large they are, and when the upload ends without another one."""
+    """Return how parts are sent, how large they are, and when the upload ends without another one."""
     presigner = Presigner.of(request)
     return Upload(
         part_bytes=presigner.settings.part_bytes,

@@ -1,4 +1,4 @@
-"""Where a lens polynomial stops growing: exact, for every set of coefficients, and cheap enough for the hot loop.
+"""The radius at which a lens polynomial stops growing: exact for all coefficients, and cheap enough for the hot loop.
 
 The first zero of a derivative 1 + p1 x + ... + p4 x^4 on (0, 1] is isolated by its Bernstein coefficients: where all
 are positive there is none, and where they change sign once there is exactly one (Farouki and Rajan 1987; Descartes).

@@ -71,6 +71,6 @@ def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> GroundPl
 
 
 def is_on(plane: GroundPlane, points: Floats) -> NDArray[np.bool_]:
-    """Which points lie on the ground, at most 40 m away."""
+    """Return which points lie on the ground, at most 40 m away."""
     near = np.hypot(points[:, 0], points[:, 1]) < _FARTHEST_M
     return near & (np.abs(plane.height(points)) < _THICK_M)

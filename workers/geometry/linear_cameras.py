@@ -23,7 +23,7 @@ class LinearCamera:
 
 @dataclass(frozen=True, eq=False)
 class LinearStart:
-    """How linear cameras are fitted to pairs: points (n, 3) m, marks (n, 2) px, B sets of them at once.
+    """A way to fit linear cameras to pairs: points (n, 3) m, marks (n, 2) px, B sets of them at once.
 
     centre (2,) is where the optical axis meets the image; the radial alignment alone needs it.
 

@@ -63,7 +63,7 @@ def unproject(
 
 
 def violation_cost_px(violation: ArrayLike, diagonal_px: float) -> Floats:
-    """What a forbidden projection counts in pixels: at least the image's diagonal, growing with the violation."""
+    """Return a forbidden projection's cost in pixels: at least the image's diagonal, growing with the violation."""
     amount = np.asarray(violation, dtype=np.float64)
     return np.where(amount > 0.0, diagonal_px * (1.0 + amount), 0.0)
 

@@ -32,7 +32,7 @@ _NO_COLUMNS: Final[Mapping[str, Sequence[Any]]] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class CurrentResult:
-    """What the camera's vehicle gets now.
+    """The result that the vehicle gets now for the camera, or another published one.
 
     verdict: of its own checks; None if it was never judged. compared: the new result against it; None where one of
     them states no deviations. heldout_mean_px: its mean held-out error.

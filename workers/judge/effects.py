@@ -1,4 +1,4 @@
-"""What errors do where a result is used: to points at 5, 20 and 50 m over the field that marks cover."""
+"""The effect of errors where a result is used: to points at 5, 20 and 50 m over the field that marks cover."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def worst_axis(estimate: Estimate) -> WorstAxis:
 
 
 class Effect(NamedTuple):
-    """What a cause does to those points, over what use allows: by its estimate, and at least, as far as that is sure.
+    """The effect of a cause on those points, over the limit of use: its estimate, and the least that is sure.
 
     ``per_deviation``: what one standard deviation of the cause may do.
     """

@@ -24,7 +24,7 @@ _LEAST_SHARE: Final = 0.02
 
 
 class PatternTest(NamedTuple):
-    """What the residuals say of further unknowns.
+    """The test of further unknowns on the residuals.
 
     `values` (e,) and their `deviations` (e,), infinite where the fit's own parameters do the same. `probability` of
     such residuals without the unknowns; `evidence`: Wald's statistic less twice the unknowns that are told apart

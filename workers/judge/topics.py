@@ -1,4 +1,4 @@
-"""How often a check may fail by chance, and what it fails for."""
+"""The rates at which checks may fail by chance, and the topics of checks."""
 
 from __future__ import annotations
 

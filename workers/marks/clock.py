@@ -1,4 +1,4 @@
-"""How far the camera's clock is ahead of what the frames were paired by, told by a board that moves.
+"""Estimate the camera's clock offset beyond the pairing's, from a board that moves.
 
 A mount that fits at a wrong clock leaves residuals along each corner's way in the image: they turn round where the
 walker does. The mount is fitted at each of many offsets, and the best of them is taken.

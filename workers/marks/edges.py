@@ -1,4 +1,4 @@
-"""Where two straight edges of the board meet in a frame: profiles across both, a robust line through each.
+"""Measure where two straight edges of the board meet in a frame: profiles across both, a robust line through each.
 
 A line is fitted to the offsets of the profiles' edges from the projected edge, so that a lens may bend both alike.
 """
@@ -41,7 +41,7 @@ _AVERAGED: Final = float(np.linalg.norm(_AVERAGE))
 
 
 class SecondPlace(NamedTuple):
-    """Where else a corner may be (2,) px, and how likely."""
+    """Another place (2,) px where a corner may be, and its probability."""
 
     pixel: Floats
     weight: float

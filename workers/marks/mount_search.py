@@ -124,7 +124,7 @@ def _best(
 
 
 def _samples_for(pairs: SeedPairs, agreeing: int, sample: int) -> int:
-    """How many samples find a mount that explains so many of the slots."""
+    """Return how many samples find a mount that explains so many of the slots."""
     share = agreeing / np.isfinite(pairs.seeds[:, :, 0]).sum()
     return min(_MOST_SAMPLES, int(np.log(_CONFIDENCE) / np.log1p(-min(share**sample, 0.5))) + 1)
 

@@ -79,7 +79,7 @@ def changes_outside(image: Image, edges: tuple[Curve, Curve], fit: CornerFit, px
 
 
 def outer_distance_m(changes: Sequence[Floats]) -> float:
-    """How far outside of the measured edges the board ends, by the changes (2, G) of its frames; 0: there."""
+    """Return how far outside of the measured edges the board ends, by the changes (2, G) of frames; 0 if at them."""
     rows = np.concatenate(changes) if changes else np.empty((0, 1))
     enough = np.isfinite(rows).sum(axis=0) >= max(_FEWEST, 0.25 * len(rows))
     if not enough.any():

@@ -55,7 +55,7 @@ class TracedEdge:
 
     @property
     def hidden_share(self) -> float:
-        """How much of the edge's beginning lies outside of the image, as a share of what is seen."""
+        """Return the length of the edge's beginning outside of the image, as a share of the visible length."""
         hidden = float(self.along[0]) - max(_TIP_PX, _TIP_SHARE * self.length)
         return max(hidden, 0.0) / max(float(self.along[-1] - self.along[0]), 1.0)
 

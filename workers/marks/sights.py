@@ -1,4 +1,4 @@
-"""What the machine looks at and what it answers: frames, sights of the board, proposals and refusals."""
+"""Input and output of the machine's marking: frames, sights of the board, proposals and refusals."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class MarkProposal:
 
 
 class LikelyPixel(NamedTuple):
-    """Where a corner may be, px, and how likely."""
+    """A place where a corner may be, px, and its probability."""
 
     u: float
     v: float

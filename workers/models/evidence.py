@@ -1,4 +1,4 @@
-"""What held-out pairs say of models: robust log likelihoods, their differences, and the models' weights.
+"""The evidence of held-out pairs for models: robust log likelihoods, their differences, and the models' weights.
 
 A pair's error follows a Gaussian, or with a small probability it lies anywhere in the image. So the cost of a wrong
 mark or of a missing projection is bounded. Pairs that the best model rejects count equally little for every model.

@@ -1,4 +1,4 @@
-"""What a result's deviations become where other models predict held-out pairs as well: those of the models' mixture.
+"""Deviations of a mixture of models, for a result beside which other models predict held-out pairs as well.
 
 A fit's deviations hold if its model is right. Bayesian model averaging (Hoeting and others 1999) has a peak for each
 model. One covariance has the spread of the peaks; deviations are its roots, and an interval is a quantile of the

@@ -154,5 +154,5 @@ def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> dict[s
 
 
 def _errors(stage: Errors) -> Errors:
-    """What all stages state, without their parameters."""
+    """Return the errors that all stages state, without their parameters."""
     return Errors(mean_px=stage.mean_px, rms_px=stage.rms_px)

@@ -76,7 +76,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _take_limits(arguments: argparse.Namespace) -> None:
-    """Whatever holds for this process, before it opens anything."""
+    """Take on the limits of this process, before it opens anything."""
     limits: dict[str, int] = arguments.limits
     confine(arguments.parent, limits)
     limit_output(limits.get("output_bytes"), limits.get("video_output_bytes"), limits.get("reserve_bytes", 0))
@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None, *, room: Room | None = None) -> int:
 
 
 def _room(request: dict[str, Any]) -> Room:
-    """What does the requested work."""
+    """Return the function that does the requested work."""
     if request.get("inspect"):
         return _inspected
     return _written if "copy" in request or "view" in request else _normalised

@@ -1,4 +1,4 @@
-"""Which of a recording's topics are the rig's LiDAR and cameras: by name, or by a guess that is clear; else asked."""
+"""Choose the topics of the rig's LiDAR and cameras: by name, or by a guess that is clear; else ask."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def choose_sensors(
 
 
 def candidates(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
-    """What a program may offer its user to choose from, plain data."""
+    """Return the topics that a program may offer its user to choose from, as plain data."""
     listed: list[dict[str, Any]] = []
     for sensor in sensors[:_MOST_LISTED]:
         entry: dict[str, Any] = {

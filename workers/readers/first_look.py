@@ -27,7 +27,7 @@ _COUNTS: Final = (3, SAMPLES)
 
 @dataclass(slots=True)
 class FirstLook:
-    """What was read of a recording.
+    """The messages that were read of a recording.
 
     Attributes:
         sensors: by their names; cameras with the size of their frames.
@@ -50,7 +50,7 @@ class FirstLook:
 
 @dataclass(slots=True)
 class _Contents:
-    """What can be used of what was read, by topic: stamps, ns, sizes of frames, and points of the LiDAR."""
+    """The usable part of the messages, by topic: stamps, ns, sizes of frames, and points of the LiDAR."""
 
     stamps: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
     sizes: dict[str, list[FrameSize]] = field(default_factory=dict[str, list[FrameSize]])

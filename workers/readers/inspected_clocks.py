@@ -1,4 +1,4 @@
-"""What the clocks of a recording's sensors did, from a few messages; from all where a clock seems to step."""
+"""Reports on the clocks of a recording's sensors, from a few messages, or from all if a clock seems to step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recording holds and lacks, from its index and a few messages. Sensors are chosen as for ingestion."""
+"""Inspect what a recording holds and lacks, by its index and a few messages. Sensors are chosen as for ingestion."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _proposal(
 
 
 def _doubts(doubt: RecordingFault | None, *, is_accepted: bool) -> list[RecordingFault]:
-    """What no LiDAR can have measured stops a recording, unless its owner accepts it."""
+    """Return a doubt about the points as a note. It stops a recording unless the owner accepts the points."""
     if doubt is None:
         return []
     return [_look(doubt.code, doubt.sensor, doubt.sentence, "You accepted it.") if is_accepted else doubt]
@@ -144,7 +144,7 @@ def _stop(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
 
 
 def _clock_faults(name: str, clock: ClockReport) -> Iterator[RecordingFault]:
-    """What is wrong with a sensor's clock. Pairs can be made all the same."""
+    """Return the faults of a sensor's clock. Pairs can be made all the same."""
     for sentence in clock.step_sentences:
         remedy = "Let all clocks be set before you record: NTP and PTP step a clock when they first reach its server."
         yield _look("clock_steps", name, sentence, remedy)
@@ -183,7 +183,7 @@ def _inspected(name: str, sensor: Sensor, look: FirstLook) -> InspectedSensor:
 
 
 def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
-    """What is wrong with a camera's stated lens. A result can be had without one."""
+    """Return the faults of a camera's stated lens. A result needs none."""
     advice = (
         "State the lens (--intrinsics FILE, or a camera_info.yaml in the folder or beside the bag), or record the "
         "CameraInfo. Without either it is fitted: fill the image with marks, to its corners."

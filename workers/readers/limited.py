@@ -71,7 +71,7 @@ _ENVIRONMENT: Final = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "VIRTUAL_ENV
 
 
 class Terms(TypedDict, total=False):
-    """How a child is watched.
+    """The terms under which a child is watched.
 
     Attributes:
         limits: what it may take.
@@ -163,7 +163,7 @@ def _renamed(message: str, source: str, name: str) -> str:
 
 
 def isolation_here() -> Isolation:
-    """What isolates the children that read uploads on this machine; one child is started to find out."""
+    """Start a child to find out what isolates the children that read uploads on this machine."""
     command = [sys.executable, "-m", "workers.readers.isolation.isolate"]
     answer = subprocess.run(
         command, cwd=_ROOT, env=child_environment(), stdout=subprocess.PIPE, check=True, timeout=60

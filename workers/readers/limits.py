@@ -1,4 +1,4 @@
-"""What the reading of one upload may take: memory, time, and disk."""
+"""Limits of the reading of one upload: memory, time, and disk."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ class Limits:
     reserve_bytes: int = 0
 
     def output_bytes(self, recording_bytes: int, *, video: bool) -> int:
-        """What the reading of a recording of this size may write altogether."""
+        """Return how many bytes the reading of a recording of this size may write."""
         return self.output_floor_bytes + int((self.video_ratio if video else self.output_ratio) * recording_bytes)

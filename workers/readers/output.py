@@ -24,7 +24,7 @@ class ReserveError(Exception):
 
 @dataclass(slots=True)
 class _Written:
-    """What this process has written, and what it may; without limits until :func:`limit_output`."""
+    """The bytes that this process has written and may write; without limits until :func:`limit_output`."""
 
     count: int = 0
     most: int | None = None

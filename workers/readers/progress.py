@@ -1,4 +1,4 @@
-"""How far an ingestion is, how long it may still take, and its signs of life."""
+"""Progress of an ingestion: its share, its time left, and its signs of life."""
 
 from __future__ import annotations
 

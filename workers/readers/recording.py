@@ -1,4 +1,4 @@
-"""What every reader yields: sweeps of a LiDAR and frames of a camera, whatever file they came from."""
+"""The interface of every reader: sweeps of a LiDAR and frames of a camera, whatever file they came from."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class LidarFacts:
-    """What holds for a LiDAR through a whole recording.
+    """Facts that hold for a LiDAR through a whole recording.
 
     Attributes:
         ring_count: rings are numbered 0 to ring_count - 1.
@@ -187,7 +187,7 @@ class Recording:
 
     @property
     def omissions(self) -> Omissions:
-        """What ``messages`` left out since it began, because it cannot be used."""
+        """The messages that ``messages`` left out since it began, because they cannot be used."""
         raise NotImplementedError
 
     def log_times(self, sensor: Sensor) -> NDArray[np.int64] | None:
@@ -222,7 +222,7 @@ class Recording:
         return (item for _, item in self.messages([sensor]) if isinstance(item, Frame))
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """What was learned of a LiDAR from a few of its sweeps.
+        """The facts learned of a LiDAR from a few of its sweeps.
 
         Raises:
             ReadError: its clouds are not usable, for example ``cloud_without_rings``.

@@ -26,7 +26,7 @@ class TalksTooMuchError(Exception):
 
 
 class ChildEnd(NamedTuple):
-    """How a child ended.
+    """The end of a child.
 
     Attributes:
         code: its exit code; below 0 the signal that ended it.

@@ -1,4 +1,4 @@
-"""What the names of topics tell: words, derived products, and twins of one sensor."""
+"""The meaning of topics' names: words, derived products, and twins of one sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a report is made of: results, pairs and what else the database has of them."""
+"""The material of a report: results, pairs and whatever else the database has about them."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def _sky(direction: Floats) -> Floats:
 
 
 def _line(distance: Floats, half_width: float, footprint: Floats) -> Floats:
-    """How much of a pixel a painted line covers: softened by the pixel's own size on the surface."""
+    """Return how much of a pixel a painted line covers: softened by the pixel's own size on the surface."""
     return np.clip((half_width - np.abs(distance)) / footprint + 0.5, 0.0, 1.0).astype(np.float32)
 
 

@@ -72,7 +72,7 @@ class SimulatedCamera:
         return project(self.model, self.intrinsics, self.T_camera_lidar.apply(points_lidar))[0]
 
     def sees(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which pixels (N, 2) lie inside the image."""
+        """Return which pixels (N, 2) lie inside the image."""
         width, height = self.image_size
         u, v = pixels[:, 0], pixels[:, 1]
         return (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)

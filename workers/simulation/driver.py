@@ -1,4 +1,4 @@
-"""What a vehicle's drivers and its description state: CameraInfo of each camera, and the tree of frames."""
+"""Statements of a vehicle's drivers and of its description: CameraInfo of each camera, and the tree of frames."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def _hands(poses: Poses, index: int) -> list[Shape]:
 
 
 def _grips(poses: Poses, index: int) -> tuple[Floats, Floats]:
-    """Where the hands hold the board: on the middle of its upper edges."""
+    """Return where the hands hold the board: on the middle of its upper edges."""
     apex = poses.apex[index]
     return (
         apex + 0.6 * poses.board_m[0] * poses.edge_left[index],

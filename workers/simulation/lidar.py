@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 
 class Walks(Protocol):
-    """Where board and people are at any moments."""
+    """The places of board and people at any moments."""
 
     def poses(self, time_s: NDArray[np.float64]) -> Poses: ...
 
@@ -126,11 +126,11 @@ class SimulatedLidar:
         return (np.arange(self.columns, dtype=np.float64) + late) * math.radians(self.sensor.step_deg) / self._omega
 
     def _turned(self, start_s: float, column_s: Floats) -> Floats:
-        """Where the motor is at each column of a sweep that starts at ``start_s``, radians."""
+        """Return the motor's angle, radians, at each column of a sweep that starts at ``start_s``."""
         return self._sector - self._omega * column_s
 
     def _encoded(self, turned: Floats, random: np.random.Generator) -> Floats:
-        """What the encoder says of that, radians."""
+        """Return the encoder's reading of the motor's angle, radians."""
         return turned
 
     def _fired(self, column_s: Floats) -> NDArray[np.bool_]:

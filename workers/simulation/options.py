@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def options_of(words: argparse.Namespace) -> SimulationOptions:
-    """What the words say. Raises ValueError with one sentence where it cannot be."""
+    """Parse the words of a command. Raises ValueError with one sentence for options that cannot be."""
     named = {name: text for name, text in vars(words).items() if name in SimulationOptions.model_fields}
     try:
         return SimulationOptions.model_validate(named)

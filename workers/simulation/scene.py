@@ -1,4 +1,4 @@
-"""What stands around the walker: the ground, a wall at the back, poles at the sides.
+"""The scene around the walker: the ground, a wall at the back, poles at the sides.
 
 LiDAR frame of the simulated rig: x forward, y left, z up, metres; the sensor is the origin.
 """

@@ -31,7 +31,7 @@ OnProgress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class SimulationFiles:
-    """What was written; ``frames`` counts those of all cameras."""
+    """The files that were written; ``frames`` counts those of all cameras."""
 
     recording: Path
     truth: Path

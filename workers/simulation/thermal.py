@@ -25,7 +25,7 @@ _LUMINANCE: Final = (0.114, 0.587, 0.299)  # ITU-R BT.601, blue, green, red
 
 
 class ThermalCamera:
-    """What a seed draws: the board's contrast and the lens' blur.
+    """The draw of a seed: the board's contrast and the lens' blur.
 
     Attributes:
         contrast_k: how much warmer than the air the board is; negative if it is colder.

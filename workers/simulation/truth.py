@@ -1,4 +1,4 @@
-"""What the simulator knows and the calibration must find, and the rig as its owner would describe it."""
+"""The truth, which a calibration must find, and the rig as its owner would describe it."""
 
 from __future__ import annotations
 

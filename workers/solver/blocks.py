@@ -1,4 +1,4 @@
-"""Which pairs may share errors: those of a group (a pose of a still board, a sweep), and those near in time."""
+"""Blocks of pairs that may share errors: groups (a pose of a still board, a sweep), and pairs near in time."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _KNOWN: Final = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class Deviation:
-    """How far one transform lies from another of the same frames.
+    """The distance of one transform from another of the same frames.
 
     rotation_deg and translation_mm are lengths; chi2 is d^T C^-1 d over `freedom` directions, probability the chance
     that noise alone gives as much, sigmas the same chance as a two-sided normal deviate.
@@ -84,7 +84,7 @@ def between_cameras(T_a_lidar: SE3, covariance_a: Floats, T_b_lidar: SE3, covari
 
 
 def deviation(fitted: SE3, covariance: Floats, stated: SE3, stated_covariance: Floats) -> Deviation:
-    """How far `fitted` lies from `stated`; both covariances (6, 6) as in `between_cameras`, about the same axes.
+    """Return how far `fitted` lies from `stated`; covariances (6, 6) as in `between_cameras`, about the same axes.
 
     A direction that both claim to know exactly (locks) does not count among the sigmas.
     """

@@ -50,7 +50,7 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """What pairs share: shapes (N, 2, q), px per unit; labels (N,) and moments (N,), s or places; lasts: T, alike."""
+    """A shared error: shapes (N, 2, q), px per unit; labels (N,) and moments (N,), s or places; lasts: T, alike."""
 
     shapes: Floats
     labels: Indices

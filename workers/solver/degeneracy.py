@@ -1,4 +1,4 @@
-"""What the pairs do not determine: parameters that stay open, and points without extent."""
+"""Degeneracies of the pairs: parameters that stay open, and points without extent."""
 
 from typing import Final
 

@@ -17,7 +17,7 @@ _ROUNDING: Final = 1e-14
 
 
 class Quadratic(NamedTuple):
-    """What is minimised about a point, px^2: its value, half of its gradient (F,) and of its Hessian (F, F)."""
+    """The minimised function about a point, px^2: its value, half of its gradient (F,) and of its Hessian (F, F)."""
 
     value: float
     slope: Floats

@@ -262,7 +262,7 @@ def _padded(sigmas: Floats, errors: ErrorModel) -> Floats:
 
 
 def _parts(plan: _Plan, lens: Floats, index: int, half: tuple[float, float]) -> dict[str, float]:
-    """What the widest parameter's half width would be with each error alone, degrees or mm."""
+    """Return the widest parameter's half width with each error alone, degrees or mm."""
     errors = plan.errors
     whole = float(errors.covariance(plan.used)[index, index])
     by_term = errors.by_common(plan.used)[index] ** 2

@@ -38,7 +38,7 @@ class TipPositions(Protocol):
 
 
 class TipTrack(Protocol):
-    """Where the apex was at any moment of the LiDAR's clock."""
+    """The apex's path over the LiDAR's clock."""
 
     def at(self, times_ns: ArrayLike) -> TipPositions: ...
 

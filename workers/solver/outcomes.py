@@ -1,4 +1,4 @@
-"""How a computation ends: refused before it starts, stopped from outside, or as a minimisation may end."""
+"""The ends of a computation: refused before it starts, stopped from outside, or as a minimisation may end."""
 
 from enum import Enum
 from typing import Final, Protocol

@@ -29,7 +29,7 @@ def explained_px(problem: FitProblem, lens: Intrinsics, precision: FitPrecision)
 
 
 def marks_outside(problem: FitProblem, chosen: NDArray[np.bool_] | None = None) -> int:
-    """How many marks that are used, of the chosen (N,) or of all, lie more than a pixel outside of the image."""
+    """Return how many of the used marks, of the chosen (N,) or of all, lie more than a pixel outside of the image."""
     marks = problem.pixels[(problem.weights > 0.0) & (True if chosen is None else chosen)]
     return int(np.count_nonzero(np.any((marks < -1.5) | (marks > np.array(problem.image_size) + 0.5), axis=1)))
 

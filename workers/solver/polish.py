@@ -52,7 +52,7 @@ class Fit:
 
 
 class _End(NamedTuple):
-    """Where a descent ended: p (D,), how, and the scale of its loss; by a trust region also the minimum, px^2, and
+    """The end of a descent: p (D,), outcome, and scale of its loss; by a trust region also the minimum, px^2, and
     whether a pair's projection was forbidden on the way.
     """
 
@@ -133,7 +133,7 @@ def _median_scale(problem: FitProblem, p: Sequence[float] | Floats) -> float:
 
 
 def cost_of(problem: FitProblem, p: Sequence[float] | Floats, scale_px: float | None = None) -> float:
-    """What the polish minimises, in px^2: squares, or the robust loss that is half saturated at scale_px."""
+    """Return the polish's cost, px^2: squares, or the robust loss that is half saturated at scale_px."""
     residuals = weighted_residuals(problem, np.asarray(p, dtype=np.float64))[0]
     if scale_px is not None:
         residuals = saturated(residuals, None, 2 * len(problem.points), scale_px)[0]
@@ -186,7 +186,7 @@ def weighted_residuals(
 
 
 def _under_prior(problem: FitProblem, p: Floats, name: str) -> tuple[float, Floats]:
-    """What a prior of that name holds, and its derivative (D,) by the parameters p (D,)."""
+    """Return the quantity that a prior of that name holds, and its derivative (D,) by the parameters p (D,)."""
     slope = np.zeros(len(p))
     if name != ASPECT:
         index = problem.names.index(name)

@@ -1,4 +1,4 @@
-"""What is to be fitted: one frozen, checked value that every later step reads.
+"""The problem of a fit: one frozen, checked value that every later step reads.
 
 Its bounds are a preset's for the nominal mount, with single parameters replaced.
 """

@@ -62,7 +62,7 @@ class SolvedCamera:
 
     @property
     def view(self) -> View:
-        """What the comparison of marks needs."""
+        """Return the camera's view, which the comparison of marks needs."""
         outliers = np.zeros(len(self.problem.points), dtype=np.bool_)
         outliers[[outlier.index for outlier in self.result.outliers]] = True
         return View(

@@ -45,7 +45,7 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
 
 
 def rolling_shutter(estimate: Estimate) -> RollingShutter | None:
-    """What the residuals show. None if the pairs do not say how the corner moved, or do not determine it.
+    """Return the shutter that the residuals show; None if the pairs do not determine it or tell no motion.
 
     What time blocks share, and an estimated clock offset, are estimated beside the line time, because they would
     absorb it otherwise. The offset comes from the same marks, so that its own deviation says nothing here.

@@ -20,7 +20,7 @@ _EXACT_PX: Final = 1e-6  # losses of computed pairs differ by rounding
 
 @dataclass(frozen=True)
 class State:
-    """Where a run stands between two iterations.
+    """The state of a run between two iterations.
 
     iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
     half-widths before clipping to the initial bounds. stalled: iterations since the last relative decrease above

@@ -23,7 +23,7 @@ _EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell noth
 
 
 class Shared(NamedTuple):
-    """What pairs share; the errors with what of it counts; and with all of it, also if it is too small to count."""
+    """Shared errors; the error model with those that count; and with all, also those too small to count."""
 
     named: SharedErrors
     errors: ErrorModel
@@ -36,7 +36,7 @@ def own_noise(model: ErrorModel) -> ErrorModel:
 
 
 def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared | None:
-    """What a whitened problem's pairs share at p (D,), beside `model`, the errors without it.
+    """Estimate the errors that a whitened problem's pairs share at p (D,); `model` has the errors without these.
 
     Somebody declared that groups share errors, so these always count. How long errors last is our guess: those that
     last count only if errors of pairs or groups alone do not explain them. None if there are no blocks.
@@ -100,7 +100,7 @@ def _over_time(both: Shares, without: Shares, used: Used, widening: float) -> Ov
 
 
 def _lasting(problem: FitProblem, p: Floats, moments: Floats) -> Component:
-    """What lasts: a share of the vertices' stated variance across the ray, or a shift of the marks (px)."""
+    """Return the lasting errors: a share of the vertices' stated variance across the ray, or a shift of marks (px)."""
     shapes = np.tile(np.eye(2), (len(moments), 1, 1))
     if problem.covariances is not None and np.any(problem.covariances.points):
         variances = np.diagonal(to_spherical(problem.covariances.points, problem.points), axis1=1, axis2=2)

@@ -40,7 +40,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How far the marks in camera b lie from where camera a's marks put the vertices.
+    """The distances of camera b's marks from where camera a's marks put the vertices.
 
     rows (M, 2): indices of the pairs in a and b; distances_px and scores (M,): in px, and in standard deviations of
     both cameras' noise. mean_px, rms_px, expected_rms_px, offset_px (2,) and offset_sigmas are over the `counted`
@@ -60,7 +60,7 @@ class Agreement:
 
 
 def vertex_keys(pairs: Mapping[str, Sequence[Any]], of_one_detection: bool) -> list[Hashable]:
-    """What identifies a pair's vertex: in one detection sweep, moment and corner, else the moment and the point."""
+    """Return the keys of the pairs' vertices: in one detection sweep, moment and corner, else moment and point."""
     count = len(pairs["x"])
     names = ("stamp_ns", "sweep_index", CORNER) if of_one_detection else ("stamp_ns", "x", "y", "z")
     # A set that names no corners is of tips; another camera's set of the same detection may name them.

@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""How well the pairs determine each parameter: covariance from the Jacobian at the optimum."""
+"""The uncertainty of each parameter: covariance from the Jacobian at the optimum."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -195,7 +195,7 @@ def _spread(problem: FitProblem, rows: Floats, sigma: float, freedom: float | No
 
 
 def units_of(names: Sequence[str]) -> Floats:
-    """What parameters (F,) in radians, metres and pixels are multiplied by for people to read."""
+    """Return the factors (F,) from radians, metres and pixels to people's units."""
     return np.array([np.degrees(1.0) if name in ANGLES else 1.0 for name in names])
 
 

@@ -95,7 +95,7 @@ def must_move(vertices: Sequence[Found], poses: bool) -> None:
 
 
 def _asked(context: Context, claim: Claim) -> tuple[Json, str]:
-    """What an analysis asks, and where its recording's LiDAR is."""
+    """Return an analysis's question, and the key of its recording's LiDAR."""
     with context.database.reading() as session:
         analysis = session.get_one(Analysis, claim.subject_id)
         return analysis.asked, lidar_key(session, analysis.recording_id)

@@ -33,7 +33,7 @@ def store_file(context: Context, claim: Claim, file: Path, prefix: str) -> str:
 
 
 def keeping(claim: Claim, key: str, file: Path, name: str, facts: Json) -> Callable[[Session], Json]:
-    """What keeps the analysis's stored file, called ``name``, and hands over the result, with ``facts`` in it."""
+    """Return a function that keeps the analysis's file, called ``name``, and hands over the result with ``facts``."""
     size, sha256 = file.stat().st_size, _digest(file)
 
     def write(session: Session) -> Json:

@@ -82,7 +82,7 @@ def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
 
 
 def writing(run: Detection, batch: Detections, pairs: Pairs) -> Callable[[Session], Detection | None]:
-    """What puts a shard's vertices and pairs into the finishing transaction, and hands over what is to be marked."""
+    """Return the function that writes a shard's vertices and pairs, and hands over the detection to be marked."""
 
     def write(session: Session) -> Detection | None:
         # Runs of one recording share its apexes, so they write one after the other.
@@ -112,7 +112,7 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
 
 
 def _marked_frames(session: Session, lidar_id: UUID) -> dict[UUID, _Marked]:
-    """What people marked in each camera of what a LiDAR saw, the last mark first."""
+    """Return people's marks in each camera of the apexes of a LiDAR, the last mark first."""
     rows = session.execute(
         select(Answer.sensor_id, Answer.frame_index, Apex.sweep_index, Apex.x, Apex.y, Apex.z)
         .join(Apex, Apex.id == Answer.apex_id)
@@ -260,7 +260,7 @@ def _advance(session: Session, row: Detection, batch: Detections) -> None:
 
 
 def _places(session: Session, row: Detection, counts: Json) -> Json:
-    """How many still poses there are: where the board stands as in the sweep before, somebody else moved."""
+    """Count the still poses: where the board stands as in the sweep before, somebody else moved."""
     if not counts.get("poses"):
         return {}
     rows = session.execute(
@@ -272,7 +272,7 @@ def _places(session: Session, row: Detection, counts: Json) -> Json:
 
 
 def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | None:
-    """What is wrong with a run that looked at nothing, or at something that never moves."""
+    """Return the problem of a run that looked at nothing, or at something that never moves."""
     if counts["rejected"].get("no_points", 0) == counts["sweeps"]:
         return _NOTHING
     if counts.get("poses"):
@@ -291,7 +291,7 @@ def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | Non
 
 
 def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:
-    """What all shards so far counted under a name, by reason, class or flag."""
+    """Add up the counts of all shards so far under a name, by reason, class or flag."""
     return dict(sorted((Counter(before.get(name, {})) + Counter(more)).items()))
 
 
@@ -309,7 +309,7 @@ def _runs(before: Mapping[str, list[list[int]]], refused: Mapping[int, str]) -> 
 
 
 def _rolls(before: Mapping[str, float] | None, rolls: list[float]) -> Json:
-    """How the board was rolled in the vertices of all shards so far; empty where no vertex tells."""
+    """Return the rolls of the board in the vertices of all shards so far; empty if no vertex tells."""
     if not rolls:
         return {"roll": before} if before else {}
     earlier, mean, spread = (

@@ -1,4 +1,4 @@
-"""How a pool process stops early: on the parent's signal the job in hand is interrupted, and no other is begun.
+"""Early stops of a pool process: on the parent's signal the job in hand is interrupted, and no other is begun.
 
 SIGTERM is not used for it: Celery ends a task with that which ran past its time limit, and such a job counts as lost.
 
@@ -45,7 +45,7 @@ def is_draining() -> bool:
 
 @contextmanager
 def interruptible(lease: Lease) -> Iterator[None]:
-    """Where a drain may interrupt. Raises :class:`DrainedError`.
+    """Let a drain interrupt the block. Raises :class:`DrainedError`.
 
     Also where something else arrives after the signal: a driver that was interrupted within a statement may raise an
     error of its own instead, which says nothing of the work.

@@ -71,7 +71,7 @@ def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
 
 
 def _request(recording: Recording, rig: Rig, cameras: Sequence[RigCamera]) -> Json:
-    """What to read as what: topics that were named for this recording go before the rig's.
+    """Return which topic is which sensor: topics named for this recording go before the rig's.
 
     A rig without cameras gets those that are named, else all that there are.
     """

@@ -192,7 +192,7 @@ def _contradicted(camera: MountedLens | None, nominal: SE3 | None) -> str | None
 
 
 def _stated_lens(of_rig: RigCamera | None, camera: Sensor) -> Lens | None:
-    """What the recording says of the lens (CameraInfo), if that is of the images that the rig has."""
+    """Return the lens that the recording's CameraInfo states, if it is of images like the rig's."""
     facts = camera.facts or {}
     if of_rig is None or not facts.get("camera_info"):
         return None

@@ -1,4 +1,4 @@
-"""What validations on other data than a result was fitted to say of it."""
+"""Read the validations of a result on data that it was not fitted to."""
 
 from __future__ import annotations
 

@@ -238,7 +238,7 @@ def _as_fitted(candidate: Candidate) -> Candidate:
 
 
 def _moved_px(columns: Json, before: FitResult, after: FitResult) -> float | None:
-    """How far corners move that both results project; None where there are none."""
+    """Return how far corners move that both results project; None if there are none."""
     points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
     moved = np.hypot(*(_projected(before, points) - _projected(after, points)).T)
     moved = moved[np.isfinite(moved)]

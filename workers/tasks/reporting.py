@@ -39,7 +39,7 @@ _FRAME_BYTES: Final = 600_000
 
 
 class _Place(NamedTuple):
-    """Where a frame's image lies in the store."""
+    """The place of a frame's image in the store."""
 
     pair: int
     key: str

@@ -33,7 +33,7 @@ class RunInput:
 
 
 def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunInput:
-    """What a run fits: the pairs of its set, without those that its fold (-1: none) holds out.
+    """Return a run's problem: the pairs of its set, without those that its fold (-1: none) holds out.
 
     ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
     """

@@ -186,7 +186,7 @@ def _refused(
 
 
 def _stumbled(context: Context, claim: Claim, error: Exception) -> str | None:
-    """What the work needs failed: a later try may succeed."""
+    """Let the job stumble: database, store or disk failed, and a later try may succeed."""
     number = error.errno if isinstance(error, OSError) else None
     state = getattr(getattr(error, "orig", None), "sqlstate", None) or ""
     if number in _NEVER_PASSING or state.startswith(_PROGRAM_LIMIT):
@@ -222,7 +222,7 @@ def _refusal(error: ReadError | DocumentError | MissingBlobError) -> Json:
 
 
 def _surroundings(error: Exception) -> Json:
-    """What to say when it never passes. An OSError's own text may hold a path of the worker, so its reason alone."""
+    """Return the problem if it never passes. It names an OSError by its reason alone: the text may hold a path."""
     reason = (error.strerror if isinstance(error, OSError) else None) or type(error).__name__
     return {
         "code": "surroundings_failed",

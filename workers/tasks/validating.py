@@ -54,7 +54,7 @@ def edge_validation(context: Context, claim: Claim, lease: Lease) -> Callable[[S
 
 
 class _Drive(NamedTuple):
-    """Where a recording's sweeps and one camera's frames are."""
+    """The places of a recording's sweeps and of one camera's frames."""
 
     lidar_key: str
     camera_key: str

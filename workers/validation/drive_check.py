@@ -85,7 +85,7 @@ def drive_motion(lidar: SweepFile, calibration: KnownCalibration, frames: Sequen
 
 
 def seen_after_ns(lidar: SweepFile, calibration: KnownCalibration) -> int:
-    """How long after a sweep's stamp the LiDAR measures what the camera sees."""
+    """Return the ns from a sweep's stamp until the LiDAR measures what the camera sees."""
     if not len(lidar):
         raise ReadError("no_sweeps", "The recording holds no sweeps.", "Validate with another recording.")
     sweep = lidar.sweep(len(lidar) // 2)

@@ -79,7 +79,7 @@ class EdgeCheck:
         )  # fmt: skip
 
     def verdict(self, lanes: dict[str, Any] | None = None) -> MountVerdict:
-        """What the frames, and lane markers where their result is given, say of the mount."""
+        """Return the verdict of the frames, and of lane markers if their result is given, on the mount."""
         return judge_mount(self._summits, len(self._frames), lanes, is_motion_told=self.is_motion_told)
 
     @property

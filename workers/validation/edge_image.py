@@ -1,4 +1,4 @@
-"""How strong an image's gradients are against their surroundings, across and along."""
+"""The strength of an image's gradients against their surroundings, across and along."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _STRETCH: Final = 1.5
 
 
 class Markers(NamedTuple):
-    """What a sweep shows of a road.
+    """The lane markers that a sweep shows.
 
     Attributes:
         points: (N, 3) of the markers, metres, LiDAR frame.

@@ -1,4 +1,4 @@
-"""How far a value lies above its surroundings, in deviations of these: the same rule for points and for pixels."""
+"""The excess of a value over its surroundings, in deviations of these: the same rule for points and for pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a vehicle moves while a sweep is taken, from two sweeps alone."""
+"""The motion of a vehicle while a sweep is taken, from two sweeps alone."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ class Motion:
 
     @property
     def speed_m_s(self) -> float:
-        """How fast the LiDAR moves."""
+        """Return how fast the LiDAR moves."""
         return float(np.linalg.norm(self.linear))
 
     @property
     def turn_deg_s(self) -> float:
-        """How fast it turns."""
+        """Return how fast the LiDAR turns."""
         return float(np.degrees(np.linalg.norm(self.angular)))
 
 
@@ -144,7 +144,7 @@ class DriveMotion(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """How the vehicle moves, and what a clock offset does to it."""
+        """Say how the vehicle moves, and what a clock offset does at that speed."""
         moving = [motion for motion in self.motions if motion is not None and motion.is_moving]
         if not self.is_told:
             return "The vehicle's motion could not be told from the LiDAR: points stay where they were measured."

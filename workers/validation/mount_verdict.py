@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""What the places where depth edges lie best say of a mount: a verdict for it and for each turn."""
+"""Judge a mount by the places where depth edges lie best: a verdict for it and for each turn."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _student_quantile: Callable[[float, float], float] = special.stdtrit
 
 
 class Summits(NamedTuple):
-    """What a search of mounts ended with.
+    """The summits that a search of mounts ended with.
 
     Attributes:
         frames, parts: that were looked at; edges in them.
@@ -171,7 +171,7 @@ def _far_off(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
 
 
 def _with_lanes(judged: MountVerdict, lanes: dict[str, Any]) -> MountVerdict:
-    """Where both tests tell a turn and contradict each other there is no verdict; markers alone give a `look`."""
+    """Join the verdicts of edges and markers: none if their turns contradict each other; markers alone: `look`."""
     if lanes["verdict"] == "unknown":
         return judged
     edges: dict[str, Any] = {}

@@ -62,7 +62,7 @@ class FittedPlane(NamedTuple):
 
 
 class PixelPoint(NamedTuple):
-    """What a pixel shows, in the LiDAR frame.
+    """The point that a pixel shows, in the LiDAR frame.
 
     Attributes:
         origin, direction: of the ray, (3,) in metres and of unit length.
@@ -127,7 +127,7 @@ def point_of_pixel(
 
 
 def _pixel_equation(calibration: KnownCalibration, points: Floats, sigma_px: float) -> tuple[Floats, Floats]:
-    """How projections move with points (N, 3) of the LiDAR frame, (N, 2, 3) px/m; and their covariance (N, 2, 2)."""
+    """Return derivatives (N, 2, 3), px/m, of projections by points (N, 3), LiDAR frame, and covariances (N, 2, 2)."""
     by_mount, by_names = calibration.jacobians(points)
     spread = np.einsum("nif,fg,njg->nij", by_names, calibration.covariance, by_names)
     return by_mount[:, :, 3:] @ calibration.mount.R, spread + sigma_px**2 * np.eye(2)

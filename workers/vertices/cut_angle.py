@@ -40,7 +40,7 @@ _NEXT: Final = (0.5, 1.5)
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Where to cut sweeps.
+    """The place where sweeps are cut.
 
     Attributes:
         azimuth: radians.

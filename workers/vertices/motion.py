@@ -1,4 +1,4 @@
-"""How things move: whether the LiDAR itself drives, and whether one thing walks or jumps as the board of still poses.
+"""Motion: whether the LiDAR itself drives, and whether one thing walks, or jumps like the board of still poses.
 
 A facade looks the same to a LiDAR that drives along it, so most upright things seem to stand still. Ends of facades,
 cars and poles show the drive. Two sweeps are laid on each other as seen from above. If the LiDAR moves, one shift
@@ -138,7 +138,7 @@ Place = tuple[int, float, float]
 
 
 class Steps(NamedTuple):
-    """How often one thing walks on, how often it jumps, and how far it gets between two jumps (m)."""
+    """Counts of a thing's walking steps and jumps, and how far it gets between two jumps (m)."""
 
     walks: int
     jumps: int

@@ -85,7 +85,7 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class PoseFacts:
-    """How many still poses a recording has, and whether its owner stated it (otherwise its sweeps showed it).
+    """The number of a recording's still poses, and whether its owner stated them (otherwise its sweeps showed them).
 
     Attributes:
         walked: the owner stated it, but something in the recording moves as a person who walks.

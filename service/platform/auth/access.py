@@ -313,13 +313,13 @@ def brief_access(request: Request, identity: Identity) -> AbstractContextManager
 
 # Each dependency of a dependency is solved by itself, at a cost, so these call what they need.
 async def read_access(request: Request) -> Transaction:
-    """What opens an :class:`Access` that only reads."""
+    """Open an :class:`Access` that only reads."""
     identity, database = await identified(request), request.app.state.database
     return Transaction(partial(_accessing, database.reading, identity), writes=False)
 
 
 async def write_access(request: Request) -> Transaction:
-    """What opens an :class:`Access` that writes, under the request's Idempotency-Key."""
+    """Open an :class:`Access` that writes, under the request's Idempotency-Key."""
     identity, database, key = await identified(request), request.app.state.database, await request_key(request)
     if key:
         key = of_caller(key, secret_hash(identity.credential), identity.only_fleet, identity.only_role)

@@ -25,7 +25,7 @@ def new_secret(prefix: str = "") -> str:
 
 
 def secret_hash(secret: str) -> str:
-    """What is stored of a secret. It has 256 random bits, so a plain hash cannot be searched."""
+    """Return the hash that is stored of a secret. It has 256 random bits, so a plain hash cannot be searched."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
@@ -33,7 +33,7 @@ _MADE = (ApiToken, SignInLink, BrowserSession)
 
 
 class EndedCredentials(NamedTuple):
-    """How many sessions, unused links and tokens ended."""
+    """Counts of the sessions, unused links and tokens that ended."""
 
     sessions: int = 0
     links: int = 0
@@ -84,7 +84,7 @@ def revoke(session: Session, which: Any) -> EndedCredentials:
 
 
 def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
-    """What the ``old`` tokens made ends with the ``new`` one from now on."""
+    """From now on let credentials that the ``old`` tokens made end with the ``new`` one."""
     for table in _MADE:
         session.execute(update(table).where(table.made_by.in_(old)).values(made_by=new))
 

@@ -1,1 +1,1 @@
-"""What goes over the broker: hints for browsers, and how a connection to it waits."""
+"""Hints for browsers over the broker, and the waiting of connections to it."""

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 class Hint(NamedTuple):
-    """What changed, in which fleet."""
+    """A change of one thing in a fleet."""
 
     fleet_id: UUID
     kind: str

@@ -13,7 +13,7 @@ from service.platform.db.base import Base, Corner, Dated, Version, belongs_to, p
 
 
 class Answer(Dated):
-    """What a person said of a corner of the board in one frame of one camera. Rows are added, and say it for ever.
+    """A person's answer on a corner of the board in one frame of one camera. Rows are added, and stay.
 
     An answer on a task has a ``verdict`` on the apex; with a confirmation ``u`` and ``v``, where (0, 0) is the centre
     of the top-left pixel. Taken back, it is a row without a verdict. A mark that was set without a task has no apex.

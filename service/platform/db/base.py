@@ -1,4 +1,4 @@
-"""What all tables share: the declarative base, column types and the columns that most rows have.
+"""The ground of all tables: the declarative base, column types and the columns that most rows have.
 
 Ids of rows that the outside sees are random, and sorted by the time they were made (RFC 9562). One content has one
 hash: that of its canonical JSON, the same on every machine.

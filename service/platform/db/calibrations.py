@@ -81,7 +81,7 @@ class CorrespondenceSet(Dated):
         return {name: [values[i] for i in indices] for name, values in whole.columns.items()}
 
     def own_indices(self, count: int) -> list[int]:
-        """Where the set's pairs are among the ``count`` pairs of the whole set."""
+        """Return the indices of the set's pairs among the ``count`` pairs of the whole set."""
         left_out = set(self.left_out or ())
         return [i for i in range(count) if i not in left_out]
 
@@ -162,7 +162,7 @@ class Slot(Base):
 
 
 class Result(Dated):
-    """What a run found; ``document`` is the solver's solution, with the held-out figures where there are any.
+    """The result of a run; ``document`` is the solver's solution, with held-out figures if there are any.
 
     ``document`` has the checks of the fit, ``checks`` those of its calibration and of other data; ``verdict`` is the
     gravest of both for the mount with its lens. Both are null until the calibration has ended. ``compared_with``: the
@@ -190,7 +190,7 @@ class Result(Dated):
 
     @property
     def summary(self) -> ModelSummary | None:
-        """What the calibration's end says of its model; None before that, or where the calibration is gone."""
+        """Return the calibration's summary of its model; None before its end, or if the calibration is gone."""
         session = object_session(self)
         assert session is not None
         calibration = session.get(Calibration, self.calibration_id)
@@ -198,7 +198,7 @@ class Result(Dated):
 
     @property
     def spread(self) -> BetweenModels | None:
-        """What it states with other models counted, if there are any."""
+        """Return its deviations with the spread between models; None if there are no other models."""
         return self.summary and self.summary.between_models if self.fold == FULL else None
 
     @property

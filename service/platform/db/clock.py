@@ -78,7 +78,7 @@ def now_plus(name: str) -> ColumnElement[datetime]:
 
 
 def moment(session: Session) -> datetime:
-    """What the database's clock says now, for a time that is stored and answered."""
+    """Return the time by the database's clock, to be stored and answered."""
     return session.scalars(select(now())).one()
 
 

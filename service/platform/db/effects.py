@@ -1,4 +1,4 @@
-"""What cars are answered is compared before and after each transaction that may change it.
+"""Compare the answers to cars before and after each transaction that may change them.
 
 It goes by the rows, whoever changes them: a route, a job or a command. A transaction that changes an answer leaves a
 line in the audit, with the answers before and after.
@@ -36,7 +36,7 @@ def watch(writing: sessionmaker[Session]) -> None:
 
 
 def effects(session: Session) -> list[str]:
-    """Which answers of cars this transaction changes, a sentence each: `van, front: result 1 -> result 2`."""
+    """Return a sentence for each answer to cars that this transaction changes: `van, front: result 1 -> result 2`."""
     session.flush()
     vehicles, fleets = session.info.pop(_BEFORE, {}), session.info.pop(_NAMES, {})
     return _of_cars(session, "changed_answers", vehicles, fleets) if vehicles or fleets else []

@@ -13,7 +13,7 @@ from service.platform.db.base import Bytes, Dated, Json, Name, Row, Version, bel
 
 
 class Fleet(Dated):
-    """What roles are bound to: every row below belongs to exactly one fleet.
+    """A fleet, to which roles are bound. Every row below belongs to exactly one fleet.
 
     ``quota_bytes`` is what it may take; None: what the settings say. ``row_bytes`` is what its rows took when they
     were counted last, and what was added since. ``retention`` has the days

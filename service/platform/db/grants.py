@@ -1,4 +1,4 @@
-"""What each role of PostgreSQL may do with which table: as little as its work takes.
+"""Rights of each role of PostgreSQL on each table: as few as its work takes.
 
 Workers decode strangers' uploads, so their role changes no people, no roles, no pairs and no figure of a result that
 is there, and moves no row to another fleet: it updates the columns that jobs write. Locking a row takes the right to

@@ -67,7 +67,7 @@ class Job(Base):
 
 
 class JobEvent(Base):
-    """How an attempt at a job ended, or what else became of it; an attempt under way is the job's own row.
+    """The end of an attempt at a job, or another event of it; an attempt under way is the job's own row.
 
     ``what`` is done, failed, cancelled (these end the job), lost, stumbled, given_back (it is queued again) or
     requeued (an operator started its work anew). ``tallied`` says that the totals hold it.
@@ -90,7 +90,7 @@ class JobEvent(Base):
 
 
 class JobTotal(Base):
-    """What became of all jobs of a kind since the service began, also of those whose rows are gone.
+    """Counts of the events of all jobs of a kind since the service began, also of jobs whose rows are gone.
 
     ``seconds`` sums how long the attempts took; ``buckets`` counts them by duration.
     """

@@ -132,7 +132,7 @@ class Sensor(Row):
 
 
 class CameraFrame(Base):
-    """Where a camera frame's encoded image lies in its sensor's blob."""
+    """The place of a camera frame's encoded image in its sensor's blob."""
 
     __table_args__ = (Index("ix_camera_frame_sensor_id_stamp_ns", "sensor_id", "stamp_ns"),)
 

@@ -1,4 +1,4 @@
-"""Which revisions of the schema this code has, told by the names of the files: Alembic is not needed for that."""
+"""The revisions of the schema that this code has, by their files' names, without Alembic."""
 
 from __future__ import annotations
 

@@ -278,7 +278,7 @@ T = TypeVar("T")
 
 
 def repeated(transaction: Callable[[], T]) -> T:
-    """What ``transaction`` returns; repeated where the database ended it in favour of another one.
+    """Return what ``transaction`` returns; repeat it if the database ended it in favour of another one.
 
     PostgreSQL does so in a deadlock, SQLite where it gets no lock. A connection that broke may have committed: so
     ``transaction`` must refuse to be done twice, as the gate of a job's finish does.

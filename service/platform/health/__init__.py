@@ -1,1 +1,1 @@
-"""What an operator's monitoring asks: whether the service lives, whether it can work, and its figures."""
+"""Answers to an operator's monitoring: whether the service lives, whether it can work, and its figures."""

@@ -1,4 +1,4 @@
-"""What the database knows of the farm, as Prometheus figures. Workers have no HTTP; their rows speak for them.
+"""Prometheus figures of the farm, read from the database: workers have no HTTP, so their rows report for them.
 
 Every figure but the blobs' is one indexed statement or a small table. Two API processes that are asked at once answer
 the same.

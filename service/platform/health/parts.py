@@ -53,11 +53,11 @@ class Part:
             return self._future
 
     def patience(self) -> float:
-        """How much longer to wait for the look that is under way, in seconds."""
+        """Return how many seconds more to wait for the look that is under way."""
         return max(0.0, self._began + PATIENCE_S - time.monotonic())
 
     def answer(self, future: Future[Answer]) -> Answer:
-        """What this look found, or that it did not end in time."""
+        """Return the result of this look, or that it did not end in time."""
         if not future.done():
             self._note(f"no answer within {PATIENCE_S:g} s")
             return {"ok": False, "detail": f"no answer within {PATIENCE_S:g} s"}
@@ -85,7 +85,7 @@ class Part:
 
 
 async def ask_parts(parts: Iterable[Part]) -> dict[str, Answer]:
-    """What is found of each part, within :data:`PATIENCE_S`."""
+    """Return the state of each part, within :data:`PATIENCE_S`."""
     answers = [(part, part.current_look()) for part in parts]
     for part, future in answers:
         await asyncio.wait([asyncio.wrap_future(future)], timeout=part.patience())

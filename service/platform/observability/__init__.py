@@ -1,4 +1,4 @@
-"""What the service tells its operator: one id through everything that a request causes, logs, figures."""
+"""The service's reports to its operator: one id through everything that a request causes, logs, figures."""
 
 import sys
 from typing import Any

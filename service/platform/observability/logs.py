@@ -29,7 +29,7 @@ who = get_contextvars
 
 
 def formatter(form: str) -> logging.Formatter:
-    """What makes a line of a record, as ``json`` or ``text``."""
+    """Return the formatter that makes lines of records, as ``json`` or ``text``."""
     return _Objects() if form == "json" else _Lines()
 
 
@@ -66,7 +66,7 @@ _USUAL = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime", 
 
 
 def _extras(record: logging.LogRecord) -> dict[str, Any]:
-    """What the caller gave beside the message. Uvicorn gives its messages a second time, with colours."""
+    """Return the caller's fields beside the message. Uvicorn's messages come a second time there, with colours."""
     extras = ((name, value) for name, value in record.__dict__.items() if name not in _USUAL)
     return {name: value for name, value in extras if not name.startswith(("color_", "_"))}
 

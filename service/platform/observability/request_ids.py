@@ -36,5 +36,5 @@ def current() -> str | None:
 
 
 def working_for(request_id: str | None) -> AbstractContextManager[None]:
-    """Whatever happens in the block is done for this request."""
+    """Add the request's id to everything that the block logs and queues."""
     return bound_contextvars(**{_FIELD: request_id}) if request_id else nullcontext()

@@ -1,4 +1,4 @@
-"""What a fleet takes of its quota: its recordings and reports by their own rows, so that it cannot drift, and rows.
+"""A fleet's use of its quota: the sum over its recordings and reports, which cannot drift, and the bytes of its rows.
 
 A recording takes what was announced or has come of its file, and the files of its sensors. What pairs, rigs, answers
 and kept replies take of the database is a sum that the upkeep counts, and that what brings many rows adds to. Whoever
@@ -69,7 +69,7 @@ class QuotaExceededError(Exception):
 
 
 def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, Use]:
-    """What these fleets take and may take; ``default`` where a fleet has no quota of its own."""
+    """Return the bytes that these fleets take and may take; ``default`` for a fleet without a quota of its own."""
     rows = {fleet.id: fleet.row_bytes for fleet in fleets}
     allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
     taken = dict(rows)

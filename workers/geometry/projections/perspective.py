@@ -1,4 +1,4 @@
-"""What the models that divide by the depth share: derivatives and rays of a radial quotient and tangential terms.
+"""The common part of models that divide by the depth: derivatives and rays of a radial quotient and tangential terms.
 
 ``lens`` (13,) is f_x f_y c_x c_y skew k1 k2 p1 p2 k3 k4 k5 k6 in OpenCV's sense: with a = x / z, b = y / z, s = a^2 +
 b^2 the radial factor is (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3).

@@ -1,4 +1,4 @@
-"""What a camera model is to the kernels: one record, made in the model's own file.
+"""A camera model as the kernels use it: one record, made in the model's own file.
 
 Points are in the camera frame (optical axes: x right, y down, z forward, metres); pixels have (0, 0) at the centre
 of the top-left pixel. A violation is 0 for a good projection, else a positive number that grows with how far the

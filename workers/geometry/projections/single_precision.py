@@ -1,4 +1,4 @@
-"""What the search's loss needs of every model: distances in single precision, vectorised over the pairs."""
+"""The part of every model that the search's loss needs: distances in single precision, vectorised over the pairs."""
 
 from math import sqrt
 from typing import Any, Final, NamedTuple
@@ -25,7 +25,7 @@ ZERO = np.float32(0.0)
 
 
 class Box(NamedTuple):
-    """Where individuals lie, by D parameters and F free ones.
+    """The bounds in which individuals lie, by D parameters and F free ones.
 
     A parameter vector p has the three of the rotation, then t in metres, then the intrinsics. base (D,): p with its
     locked values. free (F,): indices of the others; an individual has their fractions of [lower, lower + width].

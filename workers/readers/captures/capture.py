@@ -148,7 +148,7 @@ class CaptureFile:
 
     @property
     def snap_sentence(self) -> str:
-        """What the capture's snap length cut off; empty where packets are whole."""
+        """Say how much the capture's snap length cut off; empty if packets are whole."""
         if not self.snapped:
             return ""
         return (

@@ -94,7 +94,7 @@ class Datagrams:
 
 
 def _network(link: int, frame: bytes) -> int | None:
-    """Where the IP header begins, None where there is none."""
+    """Return where the IP header begins; None if there is none."""
     if link in _RAW_LINKS:
         return 0
     if link in _LOOPBACK_LINKS:

@@ -50,5 +50,5 @@ def maker_of_datagram(payload: bytes, port: int) -> str | None:
 
 
 def instead(makers: Sequence[str]) -> str:
-    """What to record in place of these makers' packets."""
+    """Say what to record in place of these makers' packets."""
     return " ".join(_INSTEAD[maker] for maker in makers)

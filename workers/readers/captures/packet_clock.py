@@ -90,7 +90,7 @@ class PacketClock:
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """How the stamps of a sensor and of its host go together.
+    """The relation between the stamps of a sensor and of its host.
 
     Attributes:
         packet_ns, device, lead_ns: as :class:`PacketClock` takes them.

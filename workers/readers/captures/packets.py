@@ -1,4 +1,4 @@
-"""What every maker's folder here offers: whose packets are whose, and how those of one sensor become sweeps."""
+"""The interface of every maker's folder here: whose packets are whose, and how those of one sensor become sweeps."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SweepCutter:
         raise NotImplementedError
 
     def finish(self) -> Sweep | None:
-        """What is left when the packets have ended: the last sweep, mostly partial."""
+        """Return the last sweep, mostly partial, when the packets have ended."""
         raise NotImplementedError
 
     def warnings(self) -> list[str]:
@@ -50,7 +50,7 @@ class SweepCutter:
 
 @dataclass(frozen=True, slots=True)
 class PacketStream:
-    """What holds for all packets of one sensor.
+    """The facts that hold for all packets of one sensor.
 
     Attributes:
         title: the sensor as its maker calls it.

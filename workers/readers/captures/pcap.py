@@ -28,7 +28,7 @@ _Key = tuple[bytes, int]
 
 @dataclass(slots=True)
 class _Overview:
-    """What the beginning of a capture holds; of a sender that is a sensor, whose it is and its first packets."""
+    """The beginning of a capture; for each sender that is a sensor, its maker and its first packets."""
 
     sources: dict[_Key, PacketSource] = field(default_factory=dict[_Key, PacketSource])
     packets: dict[_Key, list[Packet]] = field(default_factory=dict[_Key, list[Packet]])
@@ -184,7 +184,7 @@ class PcapRecording(Recording):
         return sentences
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """What was learned from the beginning of the capture."""
+        """The facts learned from the beginning of the capture."""
         return self._streams[sensor.name].facts
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:

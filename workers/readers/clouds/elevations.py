@@ -95,7 +95,7 @@ def nearest_level(elevation: NDArray[np.float64], centres: NDArray[np.float64]) 
 
 
 def find_levels(elevation: NDArray[np.float64]) -> Levels:
-    """Where elevations crowd.
+    """Find the elevations around which points crowd.
 
     Points of one ring share an elevation, so a histogram is a comb. Its teeth are told apart at the finest scale that
     gives narrow teeth with wide gaps; where none does, what comes nearest is answered, for a message.
@@ -142,7 +142,7 @@ def _with_weak(elevation: NDArray[np.float64], levels: Levels, half: int) -> Lev
 
 
 def measure_levels(elevation: NDArray[np.float64], centres: NDArray[np.float64]) -> Levels:
-    """How well (M,) ascending rough centres in degrees fit (N,) elevations; the centres become the rings' medians."""
+    """Measure how well (M,) ascending rough centres (degrees) fit (N,) elevations; they become the rings' medians."""
     index = nearest_level(elevation, centres)
     order = np.argsort(index, kind="stable")
     levels, starts = np.unique(index[order], return_index=True)

@@ -1,4 +1,4 @@
-"""Which column of a cloud holds what, by the names that drivers, converters and file formats give it.
+"""The meaning of a cloud's columns, by the names that drivers, converters and file formats give them.
 
 Names are compared without case, separators and CloudCompare's ``scalar_``. What a column holds decides in the end: a
 ring keeps its elevation, and times span a sweep. A name here only says what to try.
@@ -78,7 +78,7 @@ def _whole(values: NDArray[np.float64]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True)
 class CloudFields:
-    """Which column of a file holds what.
+    """The column of each meaning in a file.
 
     Attributes:
         where: names the LiDAR in messages.
@@ -159,7 +159,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def meanings(names: Sequence[str]) -> set[str]:
-    """What columns of these names may hold: some of ``x``, ``y``, ``z``, ``ring``, ``intensity`` and ``time``."""
+    """Return the meanings that columns of these names may have, of ``x``, ``y``, ``z``, ``ring``, ``intensity``, ``time``."""
     plain = {name: _plain(name) for name in names}
     tables = {**dict(zip("xyz", _AXES, strict=True)), "ring": _RING, "intensity": _INTENSITY}
     of_one_column = {meaning for meaning, words in tables.items() if _named(plain, words)}

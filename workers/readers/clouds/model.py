@@ -41,7 +41,7 @@ class SampleCloud(NamedTuple):
 
 @dataclass(slots=True)
 class CloudModel:
-    """How the clouds of one LiDAR become sweeps.
+    """The model by which the clouds of one LiDAR become sweeps.
 
     Attributes:
         fields: which column holds what.
@@ -103,7 +103,7 @@ class CloudModel:
 
     @property
     def facts(self) -> LidarFacts:
-        """What holds for the whole recording."""
+        """The facts that hold for the whole recording."""
         return LidarFacts(
             ring_count=self.rings.count,
             sweep_ns=self.times.sweep_ns,

@@ -28,7 +28,7 @@ Sample = tuple[int, NDArray[np.generic] | None, NDArray[np.float32], NDArray[np.
 
 @dataclass(slots=True)
 class PointTimes:
-    """How the moment of each point of one LiDAR is found.
+    """The rule for the moment of each point of one LiDAR.
 
     Attributes:
         source: where the offsets come from.

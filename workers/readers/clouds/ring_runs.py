@@ -24,7 +24,7 @@ _FEW: Final = 0.02  # of the usual run's points: no ring, but a start or an end 
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """How the runs of one turn each follow each other.
+    """The order in which the runs, one turn each, follow each other.
 
     Attributes:
         direction: +1 where azimuth grows along a run, -1 where it falls.
@@ -92,7 +92,7 @@ def direction_of(xyz: NDArray[np.float32]) -> int:
 
 
 def _seam(clouds: Sequence[NDArray[np.float32]], direction: int) -> float:
-    """Where runs begin: ahead, behind, aside, or where a cloud does; there elevation steps from ring to ring."""
+    """Return where runs begin: ahead, behind, aside, or with a cloud; there elevation steps from ring to ring."""
     firsts = [float(_turns(cloud[:1])[0]) * direction for cloud in clouds]
     turns = [_turns(cloud) * direction for cloud in clouds]
     steps = [np.diff(elevations(cloud)) for cloud in clouds]

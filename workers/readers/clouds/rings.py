@@ -301,7 +301,7 @@ def _complete(centres: NDArray[np.float64], elevation: NDArray[np.float64]) -> t
 
 
 def _further(beyond: NDArray[np.float64], step: float) -> int:
-    """How many more rings of an even grid the points beyond its end ask for; 0 where they lie beside it."""
+    """Return how many more rings of an even grid the points beyond its end need; 0 if they lie beside the grid."""
     rest = beyond[beyond > 0.5 * step] / step
     on_grid = np.abs(rest - np.rint(rest)) < 0.2
     return int(np.rint(rest[on_grid]).max()) if len(rest) and np.mean(on_grid) > 0.9 and rest.max() < 30 else 0

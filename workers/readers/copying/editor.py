@@ -64,7 +64,7 @@ class NewTopic:
 
     @property
     def type_hash(self) -> str:
-        """What rosbag2 writes of its type."""
+        """Return the hash that rosbag2 writes of its type."""
         return fixed_types("cdr").hash_rihs01(self.type)
 
 
@@ -220,7 +220,7 @@ def _infos_of(container: Container, cameras: dict[str, CameraEdit]) -> dict[str,
 
 
 def _info_topic(camera: CameraEdit, cameras: Sequence[CameraEdit], topics: dict[str, BagTopic]) -> str:
-    """Where image_transport looks for an image's intrinsics, if that is free and no other camera's."""
+    """Return the topic where image_transport looks for an image's intrinsics, if it is free and no other camera's."""
     base = {other.topic: without_transport(other.topic) for other in cameras}
     folder = posixpath.dirname(base[camera.topic])
     beside = posixpath.join(folder, "camera_info")

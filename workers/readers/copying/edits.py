@@ -1,4 +1,4 @@
-"""What is put into a recording: cameras' intrinsics, and the poses of frames."""
+"""The edits of a recording: cameras' intrinsics, and the poses of frames."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Edits:
 
 @dataclass(slots=True)
 class EditCounts:
-    """What was done: messages of each kind that were replaced, added, or copied as they are."""
+    """Counts of the messages of each kind that were replaced, added, or copied as they are."""
 
     copied: int = 0
     replaced: int = 0

@@ -46,7 +46,7 @@ def _jpeg(data: bytes) -> bool:
 
 
 def _scans(data: bytes) -> tuple[int, int] | None:
-    """Where the scans of a JPEG begin and end; None where its markers do not lead to its end in their order."""
+    """Return where the scans of a JPEG begin and end; None if its markers do not lead to its end in their order."""
     at, start = 2, 0
     for _ in range(_MOST_PARTS):
         marker = _MARKER.search(data, at)

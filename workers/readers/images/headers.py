@@ -31,7 +31,7 @@ Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
 
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """What an encoded image says of itself.
+    """The header of an encoded image.
 
     Attributes:
         media_type: for example ``image/jpeg``.

@@ -38,7 +38,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:
-    """How a raw image lies in memory.
+    """The layout of a raw image in memory.
 
     Attributes:
         depth: bytes of one value.

@@ -75,7 +75,7 @@ class FrameTimes:
 
 @dataclass(slots=True)
 class VideoClock:
-    """How a frame's moment is found.
+    """The rule for the moments of a video's frames.
 
     Attributes:
         table: moments of frames; None: by their own time stamps.

@@ -1,1 +1,1 @@
-"""What a process that reads uploads may reach: its recording, its folders, and nothing else."""
+"""Isolation of a process that reads uploads; it may reach its recording, its folders, and nothing else."""

@@ -47,7 +47,7 @@ _SYSTEM: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Isolation:
-    """What is in force.
+    """The means of isolation that are in force.
 
     Attributes:
         no_new_privs: no program that it could start would have more rights.
@@ -106,7 +106,7 @@ def _drop_capabilities(libc: ctypes.CDLL) -> None:
 
 
 def _installation() -> Sequence[Path]:
-    """Where Python and its packages are. The folder of a checkout is not: a service's data may lie in it."""
+    """Return the folders of Python and its packages, without a checkout's: a service's data may lie in that."""
     prefixes = [Path(prefix) for prefix in {sys.prefix, sys.base_prefix, sys.exec_prefix}]
     packages = [Path(entry) for entry in sys.path if Path(entry).name in ("site-packages", "dist-packages")]
     libraries = [Path(entry) for entry in os.environ.get("LD_LIBRARY_PATH", "").split(":") if entry]

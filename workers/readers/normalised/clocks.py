@@ -59,7 +59,7 @@ class Offset(NamedTuple):
 
 @dataclass(slots=True)
 class ClockReport:
-    """What the clock of one sensor did.
+    """The report on the clock of one sensor.
 
     Attributes:
         added_ns: (N,) int64, what makes one clock of its stamps.
@@ -136,7 +136,7 @@ def offset_reports(samples: Mapping[str, Times]) -> dict[str, ClockReport]:
 
 
 def offset_sentence(name: str, offset: Offset) -> str:
-    """How far a camera's clock is from the LiDAR's, and what it may be."""
+    """Say how far a camera's clock is from the LiDAR's, and which time scale it may keep."""
     seconds = offset.offset_ns / 1e9
     scales = _TIME_SCALES.get(abs(offset.offset_ns) // 10**9) if offset.offset_ns % 10**9 == 0 else None
     usual = f" ({scales})" if scales else ""
@@ -157,7 +157,7 @@ def _step_sentence(name: str, times: Times, index: int, size: int, added: Intege
 
 
 def _reference(apart_ns: int, steps: Sequence[int]) -> int:
-    """What to add to all stamps so that the stretch keeps its own whose clock is nearest to the other sensor's.
+    """Return the ns to add to all stamps, so that the stretch nearest to the other sensor's clock keeps its stamps.
 
     Args:
         apart_ns: this sensor's clock minus the other's before the first step.
@@ -224,7 +224,7 @@ def _own_steps(times: Times, log: Integers) -> list[tuple[int, int]]:
 
 
 def _level_shift(delay: Integers, index: int) -> int:
-    """How far the least delays before and behind an index are apart, ns; 0 where it may be chance."""
+    """Return the difference of the least delays before and behind an index, ns; 0 if it may be chance."""
     before, behind = delay[max(0, index - _AROUND) : index], delay[index : index + _AROUND]
     shift = int(behind.min() - before.min())
     spread = max(_spread(before), _spread(behind))

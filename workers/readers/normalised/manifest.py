@@ -1,4 +1,4 @@
-"""What an ingestion tells of the files it wrote; plain data that goes to JSON and back."""
+"""An ingestion's account of the files that it wrote; plain data that goes to JSON and back."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BareName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 
 
 class SensorStamps(StampFacts):
-    """How many frames or sweeps there are; smallest and largest stamp, UTC nanoseconds."""
+    """Number of frames or sweeps; smallest and largest stamp, UTC nanoseconds."""
 
     count: int
     first_ns: int
@@ -56,7 +56,7 @@ class RecordingManifest(Document):
     omissions: list[Omission]
 
     def facts(self) -> dict[str, Any]:
-        """What is true of the recording as a whole; ``together_s`` is how long all its sensors ran."""
+        """Return the facts about the recording as a whole; ``together_s`` is how long all its sensors ran."""
         first = min(sensor.first_ns for sensor in self.sensors)
         last = max(sensor.last_ns for sensor in self.sensors)
         together = min(s.last_ns for s in self.sensors) - max(s.first_ns for s in self.sensors)

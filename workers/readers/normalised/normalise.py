@@ -141,7 +141,7 @@ class _Camera:
 
 
 def sensor_path(folder: Path, kind: str, name: str) -> Path:
-    """Where a normalised recording in a folder has a sensor's file."""
+    """Return the path of a sensor's file in the folder of a normalised recording."""
     return folder / (f"{name}.sweeps" if kind == "lidar" else f"camera-{name}.images")
 
 
@@ -196,7 +196,7 @@ def _omitted_by_one_clock(
 
 
 def _clocks(sinks: Mapping[str, _Lidar | _Camera]) -> dict[str, ClockReport]:
-    """What the clocks of the sensors did whose messages have a time of recording, by the sensors' names."""
+    """Return reports, by sensor, on the clocks of sensors whose messages have a time of recording."""
     timed = {name: times for name, sink in sinks.items() if (times := sink.times.of_recording()) is not None}
     return report_clocks(timed) if "lidar" in timed else {}
 

@@ -192,7 +192,7 @@ class FrameFile(SensorFile):
             raise ValueError("an image of an unknown type")
 
     def media_type(self, index: int) -> str:
-        """What encodes an image."""
+        """Return the media type of an encoded image."""
         return MEDIA_TYPES[int(self.entries["media_type"][index])]
 
     def rows(self) -> Iterator[dict[str, Any]]:

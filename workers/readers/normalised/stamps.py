@@ -1,4 +1,4 @@
-"""What a sensor's stamps tell of a recording: its rate, its gaps, and what is wrong with its clock."""
+"""The facts that a sensor's stamps tell of a recording: its rate, its gaps, and what is wrong with its clock."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _jump_warning(jump: Gap, name: str) -> str:
 
 
 def partial_ends(points: NDArray[np.int64]) -> list[str]:
-    """Which of the ``first`` and ``last`` sweep hold clearly fewer points than the others.
+    """Return which of the ``first`` and ``last`` sweep hold clearly fewer points than the others.
 
     Args:
         points: (N,) number of points of each sweep, in the order of the stamps.
@@ -143,7 +143,7 @@ def sweep_warnings(points: NDArray[np.int64], name: str) -> list[str]:
 
 
 def shared_time(lidar: tuple[int, int], camera: tuple[int, int]) -> tuple[float, float]:
-    """How long two sensors ran together: seconds, and as a share of the LiDAR's time (1 for a single sweep inside).
+    """Return how long two sensors ran together: seconds, and share of the LiDAR's time (1 for a single sweep inside).
 
     Args:
         lidar, camera: first and last stamp, nanoseconds.

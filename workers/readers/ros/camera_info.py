@@ -38,7 +38,7 @@ def camera_info(
 
 
 def info_document(info: CameraInfo, image_size: tuple[int, int] | None = None) -> dict[str, Any] | None:
-    """What is handed on of a camera's intrinsics; None where the camera was not calibrated or the numbers are none.
+    """Return a camera's intrinsics as they are handed on; None if they are not calibrated or not finite.
 
     They are those of the images, not of the whole sensor, of which a driver may hand on a part, or pixels put
     together (``roi`` and ``binning`` of the message). ``image_size``: width and height of the images, where known.

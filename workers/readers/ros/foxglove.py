@@ -27,7 +27,7 @@ _CLASSES: Final[dict[str, Any]] = {
 
 
 def foxglove_decoder(topic: BagTopic) -> Decoder | None:
-    """How messages of this topic are read, None where they are none of these types, or in another encoding."""
+    """Return the decoder of this topic's messages; None for other types or another encoding."""
     package, _, name = topic.type.rpartition(".")
     parse = _PARSERS.get(topic.encoding)
     if package != "foxglove" or name not in _CLASSES or parse is None:

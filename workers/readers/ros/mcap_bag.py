@@ -80,12 +80,12 @@ class McapBag(Container):
         self.topics = self._topics()
 
     def damage(self) -> AbstractContextManager[None]:
-        """What libraries raise on damaged bytes becomes ``recording_damaged``."""
+        """Turn the errors that libraries raise on damaged bytes into ``recording_damaged``."""
         kinds = (zstandard.ZstdError, SerdeError, RecordError, McapError)
         return damage(self._path.name, "an MCAP file", _HINT, *kinds)
 
     def _summary(self) -> McapContents | None:
-        """What the summary says; None where it is missing, damaged, or does not say where messages are."""
+        """Return the summary; None if it is missing, damaged, or does not say where messages are."""
         if self.size < len(MCAP) + FOOTER_BYTES:
             return None
         self.file.seek(self.size - FOOTER_BYTES)

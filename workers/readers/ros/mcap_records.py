@@ -34,7 +34,7 @@ class RecordError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where a chunk stands, and which channels have messages in it (empty: not said)."""
+    """The place of a chunk, and the channels with messages in it (empty: not stated)."""
 
     start: int
     length: int
@@ -43,7 +43,7 @@ class ChunkPlace:
 
 @dataclass(slots=True)
 class McapContents:
-    """What a file says of itself, in its summary or read from beginning to end.
+    """A file's contents, by its summary or read from beginning to end.
 
     Attributes:
         channels: by number.
@@ -120,7 +120,7 @@ def message_of(body: memoryview) -> tuple[int, int, bytes]:
 
 
 def chunk_head(body: bytes | memoryview) -> tuple[int, str]:
-    """Where the stored records of a chunk record begin, and by what they are compressed.
+    """Return where the stored records of a chunk record begin, and their compression.
 
     Raises:
         struct.error, UnicodeDecodeError: it ends too early.

@@ -60,5 +60,5 @@ class MessageVideo:
 
     @property
     def missing(self) -> int:
-        """How many frames could not be decoded so far."""
+        """The number of frames that could not be decoded so far."""
         return self._taken - self._given

@@ -81,7 +81,7 @@ def full_name(name: str) -> str:
 
 
 def ros_decoder(topic: BagTopic) -> Decoder | None:
-    """How messages of this topic are read, None where they are of no LiDAR and no camera.
+    """Return the decoder of this topic's messages; None if they are of no LiDAR and no camera.
 
     Raises:
         ReadError: ``type_not_understood``, the file's own definition is not readable.
@@ -106,7 +106,7 @@ def fixed_types(encoding: str) -> Typestore:
 
 
 def message_reader(topic: BagTopic) -> Callable[[bytes], Any]:
-    """How messages of one of the fixed types are read, as rosbags has them."""
+    """Return the reader of messages of one of the fixed types, as rosbags has them."""
     kind = TRANSFORM if full_name(topic.type) in TRANSFORMS else full_name(topic.type)
     types = fixed_types(topic.encoding)
     read = types.deserialize_ros1 if topic.encoding == "ros1" else types.deserialize_cdr
@@ -172,7 +172,7 @@ def _read_compressed(message: Any) -> Message:
 
 
 def _pixels(form: str) -> str:
-    """What a compressed image's pixels are, by image_transport's ``bayer_rggb8; png compressed bayer_rggb8``."""
+    """Return a compressed image's pixel format, by image_transport's ``bayer_rggb8; png compressed bayer_rggb8``."""
     first, _, target = form.partition(";")
     return (target.partition("compressed")[2].strip() or first.strip()).partition(" ")[0]
 

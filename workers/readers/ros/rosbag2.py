@@ -118,7 +118,7 @@ def _has_part(files: Sequence[Path], part: Path) -> bool:
 
 
 def read_metadata(metadata: Path) -> dict[str, Any]:
-    """What a bag's metadata say of it; ``relative_file_paths`` is there.
+    """Read a bag's metadata, which have ``relative_file_paths``.
 
     Raises:
         ReadError: ``bag_incomplete``, the metadata cannot be read.

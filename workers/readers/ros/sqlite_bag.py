@@ -48,7 +48,7 @@ class SqliteBag(Container):
             self.ids, self.topics = self._read_topics()
 
     def damage(self) -> AbstractContextManager[None]:
-        """What libraries raise on damaged bytes becomes ``recording_damaged``."""
+        """Turn the errors that libraries raise on damaged bytes into ``recording_damaged``."""
         kinds = (sqlite3.Error, SerdeError, zstandard.ZstdError)
         return damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds)
 

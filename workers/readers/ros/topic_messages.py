@@ -1,4 +1,4 @@
-"""What a message on a topic holds for us, whatever library or wire format it came through."""
+"""The contents of a message on a topic, whatever library or wire format it came through."""
 
 from __future__ import annotations
 

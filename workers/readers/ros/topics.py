@@ -127,7 +127,7 @@ class TopicRecording(Recording):
 
     @property
     def static_transforms(self) -> Sequence[FixedFrame]:
-        """What its ``/tf_static`` says."""
+        """The transforms of its ``/tf_static``."""
         return static_transforms(self._container, self._sentences)
 
     @property
@@ -150,7 +150,7 @@ class TopicRecording(Recording):
         ]
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """What was learned of a LiDAR from sweeps spread over the file, or from its first packets."""
+        """The facts learned of a LiDAR from sweeps spread over the file, or from its first packets."""
         if sensor.name in self._sources:
             return self._stream(sensor).facts
         return self._model(sensor).facts

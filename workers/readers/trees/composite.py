@@ -109,7 +109,7 @@ class Composite(Recording):
                 yield outer[sensor.name], stamp_ns, log_ns
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """What its part learned of a LiDAR."""
+        """The facts that its part learned of a LiDAR."""
         part, inner = self._inner[sensor.name]
         return part.lidar_facts(inner)
 

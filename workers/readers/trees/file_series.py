@@ -43,7 +43,7 @@ class FileSeries(Recording):
         self.sensors = [Sensor(series.kind, series.name, "", len(series.paths), self._notes())]
 
     def _notes(self) -> dict[str, str]:
-        """What the first file tells: the fields of a cloud, the size of an image."""
+        """Return the facts that the first file tells: the fields of a cloud, the size of an image."""
         notes: dict[str, str] = {"times_from": self._series.times_from}
         try:
             if self._series.kind == "lidar":
@@ -65,7 +65,7 @@ class FileSeries(Recording):
         return self._model.warnings() if "_model" in self.__dict__ else []
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """What was learned of a LiDAR from files spread over the folder."""
+        """The facts learned of a LiDAR from files spread over the folder."""
         return self._model.facts
 
     @cached_property

@@ -47,7 +47,7 @@ _MAX_LISTED: Final = 20
 
 @dataclass(slots=True)
 class TreeContents:
-    """What a tree holds.
+    """The sensors and other files of a tree.
 
     Attributes:
         sources: bags, captures and videos, files or folders, by path.
@@ -95,7 +95,7 @@ class FolderRecording(Composite):
 
     @property
     def warnings(self) -> list[str]:
-        """What was left out, and what the parts say."""
+        """The files that were left out, and the parts' own warnings."""
         return [*self._warnings, *super().warnings]
 
     def close(self) -> None:
@@ -105,7 +105,7 @@ class FolderRecording(Composite):
 
 
 def look_into(tree: FileTree) -> TreeContents:
-    """What a tree holds, by the files' names and first bytes."""
+    """Find the contents of a tree by the files' names and first bytes."""
     contents = TreeContents()
     paths = tree.paths
     every = frozenset(paths)

@@ -117,7 +117,7 @@ def camera_calibration(stamp_ns: int, frame_id: str, lens: ViewerLens) -> bytes:
 
 
 def frame_transforms(stamp_ns: int, poses: Sequence[FixedFrame]) -> bytes:
-    """Where frames stand in their parents."""
+    """Return the poses of frames in their parents."""
     transforms = [
         FrameTransform(
             timestamp=_time(stamp_ns),

@@ -22,7 +22,7 @@ _TRUSTED_RAD = math.radians(0.3)
 
 
 class Contradictions(NamedTuple):
-    """How many returns contradict a board, and how many there are in all, in its plane or at its edges."""
+    """Counts of the returns that contradict a board, and of all returns, in its plane or at its edges."""
 
     contradicting: int
     returns: int

@@ -78,7 +78,7 @@ class PlaneReturns:
 
 @dataclass(frozen=True, slots=True)
 class PlaneExtent:
-    """How much of a plane the sensor meets.
+    """The part of a plane that the sensor meets.
 
     Attributes:
         rings: how many rings meet the board.

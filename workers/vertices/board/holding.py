@@ -1,4 +1,4 @@
-"""How a person holds the board over a recording: mean and spread of roll and lean, and which edge is lower left.
+"""The hold of a board over a recording: mean and spread of roll and lean, and which edge is lower left.
 
 Each recording has its own mean and its own spread of roll and of lean, drawn from what people do in general (a
 hierarchical model). Their posterior is summed over a grid. Boards that say little leave the general prior as it is.
@@ -41,7 +41,7 @@ class _Population:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """How the boards of a recording are held.
+    """The hold of a recording's boards.
 
     Attributes:
         roll: mean and standard deviation of the next board's roll, radians from the rest angle.

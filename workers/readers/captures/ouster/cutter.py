@@ -91,7 +91,7 @@ class OusterCutter(SweepCutter):
         return done
 
     def finish(self) -> Sweep | None:
-        """What is left when the packets have ended: the last sweep, mostly partial."""
+        """Return the last sweep, mostly partial, when the packets have ended."""
         packets, self._packets = self._packets, []
         self._numbers.clear()
         return self._sweep(packets) if packets else None

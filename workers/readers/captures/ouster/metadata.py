@@ -1,4 +1,4 @@
-"""What an Ouster sensor says of itself: the document beside a capture, or on its driver's ``metadata`` topic."""
+"""The metadata of an Ouster sensor: the document beside a capture, or on its driver's ``metadata`` topic."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_ROWS, _MOST_COLUMNS, _MOST_IN_PACKET = 256, 4096, 64
 
 @dataclass(frozen=True, slots=True)
 class PixelLayout:
-    """How a pixel lies in a packet.
+    """The layout of a pixel in a packet.
 
     Attributes:
         size: bytes of a pixel.

@@ -156,7 +156,7 @@ class VelodyneCutter(SweepCutter):
         return None
 
     def finish(self) -> Sweep | None:
-        """What is left when the packets have ended: the last sweep, mostly partial."""
+        """Return the last sweep, mostly partial, when the packets have ended."""
         return self._close(None) if self._held else None
 
     def _close(self, stop_ns: int | None) -> Sweep:

@@ -1,4 +1,4 @@
-"""Which Velodyne sensor sent a packet, and what its packets hold."""
+"""Velodyne sensors: which one sent a packet, and what its packets hold."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _OPTIONS: Final = ", ".join(model.option for model in MODELS if model.option is 
 
 @dataclass(slots=True)
 class Decoding:
-    """How the packets of one sensor are decoded.
+    """The decoding of the packets of one sensor.
 
     Attributes:
         model: its kind.

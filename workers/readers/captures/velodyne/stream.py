@@ -1,4 +1,4 @@
-"""What holds for all packets of one Velodyne sensor: its model, its clock, its rate and where its turns are cut."""
+"""Facts that hold for all packets of one Velodyne sensor: model, clock, rate, and where its turns are cut."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MANY_TURNS: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class TurnFacts:
-    """What holds for the packets of one sensor.
+    """Facts that hold for the turns of one sensor.
 
     Attributes:
         decoding: its model and how it is decoded.
