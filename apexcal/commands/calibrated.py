@@ -1,4 +1,4 @@
-"""What people are shown of a finished calibration: a table per camera, its checks, whether it was published."""
+"""A finished calibration as people see it: a table per camera, its checks, whether it was published."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def verdict_line(camera: CameraSummary) -> str:
 
 
 def doubts(camera: CameraSummary) -> list[str]:
-    """What speaks against the recommended result, a line each, and what was not checked."""
+    """Return the doubts about the recommended result, a line each, and the checks that were not made."""
     open_titles = [check.title for check in camera.checks if check.verdict == "not_checked"]
     lines = [line_of(check) for check in camera.checks if check.is_doubt]
     return lines + ([f"Not checked: {', '.join(open_titles)}."] if open_titles else [])
@@ -71,7 +71,7 @@ def line_of(check: Check) -> str:
 
 
 def lens_of(camera: CameraSummary) -> str:
-    """Where the recommended model's lens comes from, and how well a stated one fits."""
+    """Say where the recommended model's lens comes from, and how well a stated one fits."""
     model = camera.models.get(camera.recommended or "")
     return f"Lens of {camera.recommended}: {model.lens}. {model.stated_lens or ''}".strip() if model else ""
 

@@ -67,7 +67,7 @@ def pairs_of_marks(
 
 @contextmanager
 def saying_what_stays(sets: Sequence[SetView]) -> Iterator[None]:
-    """Where the service refuses what the block asks for, say which of the sets were imported: they stay."""
+    """If the service refuses the block's request, say which sets were imported: they stay."""
     try:
         yield
     except ApiError:

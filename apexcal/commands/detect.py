@@ -200,7 +200,7 @@ def _outcome(detection: DetectionView) -> str:
 
 
 def _corner(detection: DetectionView) -> str:
-    """Which corner people are to mark, if it is not the tip."""
+    """Say which corner people are to mark, if it is not the tip."""
     upper = detection.options.get("upper_corner")
     return f"\nThe corner is the board's upper {'left' if upper > 0 else 'right'} corner." if upper else ""
 
@@ -211,7 +211,7 @@ def _why(reason: str, sentences: Mapping[str, str]) -> str:
 
 
 def _poses(detection: DetectionView) -> str:
-    """What was done differently for still poses; empty for a walk."""
+    """Say what was done differently for still poses; empty for a walk."""
     counts = detection.counts
     if not counts.poses:
         return ""
@@ -254,7 +254,7 @@ def _edges(lengths: Sequence[float]) -> str:
 
 
 def _roll(roll: RollFacts | None) -> str:
-    """How the board was rolled; empty where the detector does not tell."""
+    """Say how the board was rolled; empty if the detector does not tell."""
     if roll is None:
         return ""
     way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
@@ -265,7 +265,7 @@ def _roll(roll: RollFacts | None) -> str:
 
 
 def _advice(detection: DetectionView) -> str:
-    """What to do where hardly any sweep was accepted; empty otherwise."""
+    """Say what to do if hardly any sweep was accepted; empty otherwise."""
     counts = detection.counts
     if counts.accepted >= _FEW * (counts.poses or counts.sweeps):
         return ""

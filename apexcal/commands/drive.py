@@ -61,7 +61,7 @@ def check(
 
 
 def _mounts(recording: Path, files: list[Path]) -> dict[str, Any]:
-    """Where the mounts are read from, as the reader is asked."""
+    """Return the source of the mounts as the reader takes it."""
     if not files:
         return {}
     if all(file.is_file() and file.suffix.lower() in _TEXTS for file in files):

@@ -93,7 +93,7 @@ def export(
 
 @contextmanager
 def _naming_the_command() -> Iterator[None]:
-    """Where there is no calibration yet, the refusal names the command that makes one."""
+    """Let the refusal name the command that makes a calibration, if there is none yet."""
     try:
         yield
     except ApiError as error:

@@ -23,7 +23,7 @@ _MADE_BY_RIG = "apexcal rig rig.json --fleet F --vehicle V"
 
 
 class _Resource(NamedTuple):
-    """How commands name things of one kind: the option, what distinguishes equal names, what makes the first."""
+    """Names of one kind of things in commands: the option, what tells equal names apart, what makes the first."""
 
     option: str
     label: Callable[[Client, Any], str] = lambda client, thing: str(thing.id)

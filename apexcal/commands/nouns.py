@@ -1,4 +1,4 @@
-"""What the service has: ``ls``, ``show``, ``open`` and ``rm`` of vehicles, recordings and calibrations."""
+"""Things of the service: ``ls``, ``show``, ``open`` and ``rm`` of vehicles, recordings and calibrations."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def ls(
 
 
 class _Kind(NamedTuple):
-    """How things of a kind are looked up and deleted, and what deleting one takes with it."""
+    """A kind of things: its look-up, its deletion, and what a deletion takes with it."""
 
     find: Callable[[Client, str, str], Any]
     delete: Callable[[Client, UUID], None]
@@ -215,7 +215,7 @@ def rm(
 
 
 def _state(camera: CameraHealth) -> str:
-    """What the vehicle gets for a camera, and its checks where they do not pass."""
+    """Say what the vehicle gets for a camera, and which of its checks do not pass."""
     doubt = f", check: {camera.verdict}" if camera.verdict and camera.verdict != "pass" else ""
     return f"{camera.state or ''}{doubt}{', sensor swapped' if camera.is_swapped else ''}"
 

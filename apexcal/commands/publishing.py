@@ -1,4 +1,4 @@
-"""What a camera's aliases lead to: ``publish``, ``withdraw``, ``rollback``, ``alias``."""
+"""Moves of a camera's aliases: ``publish``, ``withdraw``, ``rollback``, ``alias``."""
 
 from __future__ import annotations
 
@@ -180,13 +180,13 @@ def _previous(moves: list[PublicationView]) -> UUID | None:
 
 
 def _is_current(publication: PublicationView, vehicle: str) -> str:
-    """What a camera is given now, in a sentence, and what spoke against it."""
+    """Say in a sentence which calibration a camera gets now, and what spoke against it."""
     sentence = f"{publication.model} is now the current calibration of {publication.camera} on {vehicle}."
     return "\n".join([sentence, *_against(publication)])
 
 
 def lines_of(publication: PublicationView) -> list[str]:
-    """Where the alias leads since when, by whom, why, and against which checks."""
+    """Say where the alias leads, since when, by whom, why, and against which checks."""
     by = f" by {publication.published_by}" if publication.published_by else ""
     current = ", current" if publication.is_current else ""
     to = "withdrawn" if publication.led_to is None else f"{publication.model}, result {publication.result_id}"

@@ -1,4 +1,4 @@
-"""What can be made of a result: ``report``, ``compare``, ``validate``, ``drift``, ``recalibrate``."""
+"""Commands on a result: ``report``, ``compare``, ``validate``, ``drift``, ``recalibrate``."""
 
 from __future__ import annotations
 

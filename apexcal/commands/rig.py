@@ -77,7 +77,7 @@ def add_rig(
 
 
 def _mounts(rig: RigOut | NewRig) -> Document:
-    """What a recording is read with, and a search begins at."""
+    """Show the rig with which a recording is read and at which a search begins."""
     document = rig.model_dump(mode="json", include={"lidar", "cameras", "T_vehicle_lidar"})
     return document | {"cameras": [camera | {"images": None} for camera in document["cameras"]]}
 

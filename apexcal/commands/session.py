@@ -1,4 +1,4 @@
-"""What commands that work with a service share: its options, its client, progress, errors as sentences, the reply."""
+"""The common part of commands that work with a service: options, client, progress, errors as sentences, the reply."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE --link 
 
 
 class Reply(NamedTuple):
-    """What a command answers: the document for programs, sentences and tables for people, the exit code, and the
+    """A command's answer: the document for programs, sentences and tables for people, the exit code, and the
     command that comes ``next``, with real ids.
     """
 
@@ -128,7 +128,7 @@ class Session:
             complain(str(error), getattr(error, "hint", ""))
 
     def _refusal(self, error: ApiError) -> tuple[str, str]:
-        """What the service refused and what to do; every field that it names stands on a line of its own."""
+        """Say what the service refused and what to do, with a line for every field that it names."""
         refused = error.refused_fields
         if len(refused) > 1:
             lines = "".join(f"\n  {field}" for field in refused)

@@ -1,4 +1,4 @@
-"""What commands print and write: sentences on the terminal, outcomes into files."""
+"""Output of commands: sentences on the terminal, outcomes into files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every analysis has, and region previews, region suggestions, clock offsets and reports."""
+"""The members of every analysis, and region previews, region suggestions, clock offsets and reports."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class OffsetRequest(Received):
 
 
 class AnalysisView(Sent):
-    """What all kinds have: ``result`` is there when it is done, ``problem`` when it failed.
+    """The members of all kinds: ``result`` is there when it is done, ``problem`` when it failed.
 
     The ids say what it is of. It is deleted with each of these.
     """
@@ -73,7 +73,7 @@ class StoredFile(Document):
 
 
 class RingCount(Document):
-    """How many points a ring has, and how many of them a region keeps."""
+    """Counts of a ring's points, and of those that a region keeps."""
 
     ring: int
     points: int
@@ -96,7 +96,7 @@ class RegionPreview(Document):
 
 
 class PreviewView(AnalysisView):
-    """What a region keeps."""
+    """The points and frames that a region keeps."""
 
     kind: Literal["preview"]
     region: KeptRegion
@@ -104,7 +104,7 @@ class PreviewView(AnalysisView):
 
 
 class SuggestionFacts(Document):
-    """What a suggestion rests on, for the person who decides.
+    """The facts that a suggestion rests on, for the person who decides.
 
     ``sweeps_read``, and ``sweeps_moving`` of them in which something of a person's size moved; ``points_per_sweep``,
     the median number of points that the region keeps in these; ``area_m2`` of the polygon; ``ground_z`` in its middle

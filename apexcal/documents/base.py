@@ -1,4 +1,4 @@
-"""What all request and answer bodies share."""
+"""The common ground of all request and answer bodies."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def check_texts(document: Any) -> None:
 
 
 def not_finite(document: Any, at: str = "") -> str | None:
-    """Where in a document a number stands that JSON cannot hold, its steps joined by dots; None where none does."""
+    """Return the path, joined by dots, of a number in a document that JSON cannot hold; None without one."""
     if isinstance(document, float):
         return None if math.isfinite(document) else at
     steps = document.items() if isinstance(document, Mapping) else ()

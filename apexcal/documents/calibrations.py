@@ -1,4 +1,4 @@
-"""What requests and answers about calibrations, results and publications look like."""
+"""Requests and answers about calibrations, results and publications."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class RunView(Sent):
 
 
 class ProgressView(Sent):
-    """How far a calibration is."""
+    """Progress of a calibration."""
 
     fraction: float
     message: str

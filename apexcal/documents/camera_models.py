@@ -20,7 +20,7 @@ FOCAL_AND_CENTRE: Final = ("f_x", "f_y", "c_x", "c_y")
 
 @dataclass(frozen=True)
 class Cost:
-    """What a fit takes of one processor, measured on a 2-core x86-64 machine with AVX2.
+    """The cost of a fit on one processor, measured on a 2-core x86-64 machine with AVX2.
 
     ``individual_ns`` is that of an individual of the search, ``pair_ns`` that of each of its pairs: one thread, the
     dearer loss, 16 to 100,000 pairs. What a pair costs grows with their number; the upper end is taken.
@@ -35,7 +35,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class WrittenAs:
-    """How other programs' files name a model: CameraInfo, Kalibr's camchain, Foxglove's CameraCalibration; and
+    """Names of a model in other programs' files: CameraInfo, Kalibr's camchain, Foxglove's CameraCalibration; and
     whether it is cv2.fisheye.
     """
 

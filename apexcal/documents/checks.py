@@ -45,7 +45,7 @@ class Check(Document):
 
 @dataclass(frozen=True)
 class CheckTopic:
-    """What a check is about: its name, its title, and whom it concerns."""
+    """The topic of a check: its name, its title, and whom it concerns."""
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""How results of one camera differ: two of them, and all in the order of their pairs."""
+"""Differences of results of one camera: two of them, and all in the order of their pairs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class FieldDifference(Sent):
 
 
 class ResultDifference(Document):
-    """How far apart two results are; ``turn_deg`` and ``shift_mm`` about and along the camera's axes.
+    """The distance of two results; ``turn_deg`` and ``shift_mm`` about and along the camera's axes.
 
     ``sigmas`` and ``differs`` as in :class:`ResultComparison`. ``incomparable`` says why the difference does not tell
     that the mount moved; ``differs`` is false then.
@@ -60,7 +60,7 @@ class ResultDifference(Document):
 
 
 class ResultComparison(Sent):
-    """How far a result is from another one of its camera.
+    """The comparison of a result with another one of its camera.
 
     ``sigmas`` is the root mean square of the mount's difference in what both state; ``differs``: by more than chance
     does once in 1000. Null where a result states no deviations. ``field_px`` and ``field_sigmas`` are root mean

@@ -1,4 +1,4 @@
-"""What requests and answers about correspondence sets look like."""
+"""Requests and answers about correspondence sets."""
 
 from __future__ import annotations
 

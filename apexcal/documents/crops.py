@@ -1,4 +1,4 @@
-"""What requests and answers about pages of crops look like, on which people confirm the machine's marks."""
+"""Requests and answers about pages of crops, on which people confirm the machine's marks."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class CropAnswer(Received):
 
 
 class CropProgress(Sent):
-    """How far people have looked at the machine's marks in one camera.
+    """Progress of the confirmation of the machine's marks in one camera.
 
     ``marks`` are the machine's, ``judged`` of them need nobody's look any more. ``blind_needed`` more of these
     vertices have to be marked blind before there are crops, for example ``next_blind``. ``unmarked`` corners have no
@@ -115,7 +115,7 @@ class CropProgress(Sent):
 
 
 class CropVerdict(Sent):
-    """What became of an answered page.
+    """The outcome of an answered page.
 
     ``shifted`` marks were shifted by the service, and the person accepted ``missed`` of them. Unless the page is
     ``accepted``, nothing on it is confirmed or rejected, and its marks come again.

@@ -1,4 +1,4 @@
-"""What requests and answers about detections and vertices look like."""
+"""Requests and answers about detections and vertices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MINUTE_NS = 60 * 10**9
 
 
 class Pairing(Received):
-    """How vertices are paired with camera frames: each with the frame nearest to its time plus ``offset_ns``.
+    """The pairing of vertices with camera frames: each with the frame nearest to its time plus ``offset_ns``.
 
     A frame farther away than ``max_gap_ns`` is no pair. ``mode: interpolate`` moves the vertex along its track to the
     frame's own time. The gap is then zero, and the covariance includes the interpolation's error. ``auto`` does so
@@ -53,7 +53,7 @@ class DetectionEdit(Received):
 
 
 class RollFacts(Document):
-    """How the board was held: turned by ``mean_deg`` on average, with ``spread_deg`` from vertex to vertex.
+    """The hold of the board: turned by ``mean_deg`` on average, with ``spread_deg`` from vertex to vertex.
 
     Degrees, counter-clockwise as the LiDAR sees it. At 0 both upper edges have the same slope.
     """
@@ -78,7 +78,7 @@ class SizeSeen(Document):
 
 
 class DetectionCounts(Document):
-    """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
+    """Counts of sweeps read and vertices accepted; of rejected sweeps by reason, of vertices by quality and by flag.
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
@@ -162,7 +162,7 @@ class FrameOfVertex(Sent):
 
 
 class Flag(Sent):
-    """What the person who confirms a vertex should look at. The database holds the name alone."""
+    """A flag: what the person who confirms a vertex should look at. The database holds the name alone."""
 
     name: str
     sentence: str

@@ -80,7 +80,7 @@ class OwnedJoint(Received):
 
 
 class Images(Received):
-    """What a camera's images are. ``rotation`` is R of its CameraInfo, if these are rectified.
+    """The kind of a camera's images. ``rotation`` is R of its CameraInfo, if these are rectified.
 
     It turns from the camera's ``frame`` to that of its images. Without it ``frame`` is the frame of the images.
     """
@@ -183,7 +183,7 @@ class SensorSerials(Received):
 
 
 class CameraImages(Received):
-    """What the images of a rig's cameras are, to correct; null lets the next recording tell it."""
+    """The corrected kinds of the images of a rig's cameras; null lets the next recording tell."""
 
     cameras: Annotated[dict[CameraName, Images | None], Field(default_factory=dict, max_length=16)]
 

@@ -1,4 +1,4 @@
-"""Which pairs are held out together: whole blocks of time or whole poses, in turn. Service and workers cut alike."""
+"""Folds of held-out pairs: whole blocks of time or whole poses, in turn. Service and workers cut alike."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class ReadCamera(Sent):
 
 
 class ReadFiles(Sent):
-    """What calibration files hold. ``camera_transforms`` are between their cameras; ``notes`` name what was left."""
+    """The contents of calibration files. ``camera_transforms``: between their cameras; ``notes`` name what was left."""
 
     format: ImportFormat
     cameras: list[ReadCamera]
@@ -94,7 +94,7 @@ class LensDifference(Sent):
 
 
 class StatedComparison(Sent):
-    """How far a result's mount and lens are from stated ones.
+    """The distance of a result's mount and lens from stated ones.
 
     ``read_as``: ``stated`` if the transform is within 30 degrees of the result's as it stands. Otherwise which other
     reading would be: ``inverted`` (it maps camera points into the LiDAR), ``body`` (its camera looks along x, not z),

@@ -1,4 +1,4 @@
-"""What a recording holds and lacks, told before anything is uploaded."""
+"""The contents of a recording and what it lacks, told before anything is uploaded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from apexcal.documents.rig_proposals import RigProposal
 
 
 class RecordingFault(Document):
-    """What a recording lacks. ``look``: a camera can be calibrated all the same; ``stop``: it cannot.
+    """Something that a recording lacks. ``look``: a camera can be calibrated all the same; ``stop``: it cannot.
 
     ``sensor``: its name; empty if it is about the whole recording.
     """

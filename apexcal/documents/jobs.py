@@ -17,7 +17,7 @@ class ProblemView(Document):
 
 
 class JobProgress(Document):
-    """How far a job is, as its worker reports it."""
+    """Progress of a job, as its worker reports it."""
 
     fraction: float | None = None
     message: str | None = None

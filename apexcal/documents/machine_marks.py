@@ -1,4 +1,4 @@
-"""What requests and answers about marks by the machine look like."""
+"""Requests and answers about marks by the machine."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class MarksRequest(Received):
 
 
 class MarksFacts(Document):
-    """How many corners there are and how many ``marked``, ``reasons`` of the others, and the median deviation.
+    """Counts of corners and of those ``marked``, ``reasons`` of the others, and the median deviation.
 
     ``clock_offset_ms``: the camera's clock minus the LiDAR's, where a walk's marks tell another than the pairing's.
     ``warning``: how the marks contradict the rig's mount, if no calibration about that finds theirs.
@@ -56,7 +56,7 @@ class MarksView(AnalysisView):
 
 
 class MarkPlace(Sent):
-    """Where a corner may be, pixels, and how likely (``weight``, 0 to 1)."""
+    """A place where a corner may be, pixels, and its probability (``weight``)."""
 
     u: float
     v: float

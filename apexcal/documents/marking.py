@@ -1,4 +1,4 @@
-"""What requests and answers about tasks, marks and verdicts look like."""
+"""Requests and answers about tasks, marks and verdicts."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class TaskFrame(Sent):
 
 
 class Own(Sent):
-    """What this person said of the vertex before: its ``version``, or 0. Taken back, it has a mark and no verdict."""
+    """This person's earlier answer on the vertex: its ``version``, or 0. One taken back has a mark and no verdict."""
 
     version: int
     mark: Pixel | None
@@ -104,7 +104,7 @@ class TaskView(Sent):
 
 
 class Progress(Sent):
-    """How far the marking of a detection is, in one camera. It says nothing of what anybody answered.
+    """Progress of a detection's marking in one camera. It says nothing of what anybody answered.
 
     ``vertices`` have a frame of the camera; ``answered`` of them have at least one answer, ``complete`` of them as
     many as wanted (``marks_wanted`` people), ``mine`` of them the asker's. An answer is one by hand, or a confirmed
@@ -142,14 +142,14 @@ class AnsweredSweeps(Sent):
 
 
 class PersonAnswers(Sent):
-    """How many of a detection's vertices somebody has answered."""
+    """Counts of a detection's vertices that somebody has answered."""
 
     name: str
     answers: int
 
 
 class Tally(Sent):
-    """What people said, in numbers: ``answers`` (people times vertices) and its parts; ``marks`` are those by hand.
+    """Counts of people's answers: ``answers`` (people times vertices) and its parts; ``marks`` are those by hand.
 
     ``reviewed`` of the answers were given after something of others' answers had been told to their person.
     """
@@ -164,7 +164,7 @@ class Tally(Sent):
 
 
 class AnswerView(Sent):
-    """What was kept of an answer, and nothing of others'.
+    """The stored answer, and nothing of others'.
 
     ``progress`` counts the answer too; null where ``GET /v1/detections/{id}/progress`` has to count all anew.
     """

@@ -48,7 +48,7 @@ def tells_motion(stamps_ns: Sequence[int], corners: Sequence[str] | None = None)
 
 
 def _near_others(times: Sequence[int]) -> int:
-    """How many of these ascending times have another one near."""
+    """Count these ascending times that have another one near."""
     count = 0
     for index, at in enumerate(times):
         first, stop = max(index - NEIGHBOURS, 0), min(index + NEIGHBOURS + 1, len(times))

@@ -44,7 +44,7 @@ class Member(Sent):
 
 
 class Ended(Sent):
-    """How many of a person's sessions, unused sign-in links and tokens ended."""
+    """Counts of a person's sessions, unused sign-in links and tokens that ended."""
 
     sessions: int
     links: int

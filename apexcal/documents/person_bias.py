@@ -1,4 +1,4 @@
-"""How far a person's blind marks lie from the machine's on average: that person's habit of aiming."""
+"""A person's bias: the mean difference of their blind marks from the machine's, a habit of aiming."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What requests and answers about points in 3D look like: the ray of a pixel, and the LiDAR's points along it."""
+"""Requests and answers about points in 3D: the ray of a pixel, and the LiDAR's points along it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PixelPointsRequest(ValidationRequest):
 
 
 class LocatedPixel(Document):
-    """What one pixel shows, in the LiDAR frame.
+    """The point that one pixel shows, in the LiDAR frame.
 
     ``origin`` (m) and ``direction`` (unit) of its ray, with ``direction_covariance`` (3 x 3, rad^2) by pixel and
     calibration; null if the pixel has no ray. ``points``: the LiDAR's points (m) in the cone. If they form a plane,
@@ -84,7 +84,7 @@ class LocatedPixel(Document):
 
 
 class LocatedPixels(Document):
-    """What the pixels show, in their order; the sweep that was looked at, and its stamp (the LiDAR's clock)."""
+    """The points that the pixels show, in their order; the sweep that was read, and its stamp (the LiDAR's clock)."""
 
     sweep: int
     sweep_stamp_ns: int

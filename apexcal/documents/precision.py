@@ -1,4 +1,4 @@
-"""What the pairs tell of a fit's parameters: deviations, what pairs share, and how well points are predicted."""
+"""The precision of a fit's parameters: deviations, what pairs share, and how well points are predicted."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Field(Document):
 
 
 class OverTime(Document):
-    """What stretches of a walk share besides what its groups (the corners of a sweep) share.
+    """The errors that stretches of a walk share, besides those of its groups (the corners of a sweep).
 
     ``widening`` is the ratio of the pixels' deviations over the marks to those of groups that err independently.
     """
@@ -59,7 +59,7 @@ class OverTime(Document):
 
 
 class SharedErrors(Document):
-    """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
+    """The errors that pairs of a block share: ``group`` as the pairs name it, or part of a walk (``time``, ``order``).
 
     ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
     ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.
@@ -78,7 +78,7 @@ class SharedErrors(Document):
 
 
 class Halves(Document):
-    """How far fits of two disjoint halves differ: every second block and the others, or the first and the last ones.
+    """The difference of fits of two disjoint halves: every second block and the others, or the first and last ones.
 
     Each ratio compares a difference with its stated size under the fit to all pairs: ``ratio`` over the parameters,
     ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone (``turned_deg``). By chance
@@ -143,7 +143,7 @@ class NextStep(Document):
 
 
 class NextSteps(Document):
-    """What the mount's widest 95 % interval is made of, and what to do next, the best step first.
+    """The parts of the mount's widest 95 % interval, and the next steps, the best first.
 
     ``parts``: the half width with each error alone, in degrees, or in mm if the shifts are wider over their limit.
     """
@@ -164,7 +164,7 @@ class PredictedPixel(Document):
 
 
 class Prediction(Document):
-    """How well the result places points of the LiDAR in the image: one standard deviation, under the fitted model.
+    """The precision of the LiDAR's points in the image: one standard deviation, under the fitted model.
 
     ``expected_over_stated`` is the factor by which to enlarge them if halves of the pairs differ by more than is
     stated.
@@ -187,7 +187,7 @@ class Prediction(Document):
 
 
 class Precision(Document):
-    """What the pairs tell of the free parameters, in degrees, metres and pixels.
+    """The precision of the free parameters, in degrees, metres and pixels.
 
     Deviations and half widths are null where the pairs do not determine the parameter. ``sigma_px`` is the noise of a
     typical pair.

@@ -1,4 +1,4 @@
-"""What a vehicle's camera is given: requests to publish and to withdraw, and what became of them."""
+"""Publications: requests to publish and to withdraw, and their outcomes."""
 
 from __future__ import annotations
 

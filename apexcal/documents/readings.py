@@ -1,4 +1,4 @@
-"""What an owner may say of a recording that its file does not: its options and their words.
+"""An owner's statements about a recording that its file lacks: options and their words.
 
 Images are raw, as the lens drew them, or rectified: without distortion, and perhaps turned.
 """
@@ -29,7 +29,7 @@ class Topics(Received):
 
 
 class ReadOptions(Received):
-    """How a recording is read: what a :class:`Reading` says besides its topics, each as it says."""
+    """The options of a reading: the members of a :class:`Reading` besides its topics."""
 
     point_times: PointTimes = "auto"
     stamp_convention: StampConvention | None = None
@@ -41,7 +41,7 @@ class ReadOptions(Received):
 
 
 class Reading(ReadOptions):
-    """What the owner knows of the recording and its file does not say.
+    """The owner's statements about a recording, for what its file does not say.
 
     ``topics`` says which is which; ``point_times: stamp_only`` leaves the points' own times out, as for still poses
     whose stamps were made up, ``auto`` uses them, or derives them where the file has none; ``stamp_convention`` says

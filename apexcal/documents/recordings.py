@@ -52,7 +52,7 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Upload(Sent):
-    """How to send the parts: with ``api`` each is put here, with ``presigned`` at an address that is asked for.
+    """The way to send parts: with ``api`` each is put here, with ``presigned`` at an address that is asked for.
 
     An upload that got no part until ``expires_at`` is removed.
     """
@@ -86,7 +86,7 @@ class NewPart(Received):
 
 
 class PartAddress(Sent):
-    """Where to PUT a part's bytes until ``expires_at``; or ``part``, where these bytes are acknowledged already.
+    """The address for PUT of a part until ``expires_at``; or ``part``, if these bytes are acknowledged already.
 
     ``reservation`` is sent back once they are put.
     """
@@ -104,7 +104,7 @@ class PutPart(Received):
 
 
 class BlobAddress(Sent):
-    """Where bytes are read straight from the store until ``expires_at``: the range of ``length`` from ``offset``.
+    """The address of bytes in the store until ``expires_at``: the range of ``length`` from ``offset``.
 
     ``url`` is null where they go through the API.
     """
@@ -132,7 +132,7 @@ class Original(Sent):
 
 
 class Completion(Received):
-    """What the parts make together; ``sha256`` (hexadecimal) is checked before ingestion."""
+    """The whole that the parts make; ``sha256`` (hexadecimal) is checked before ingestion."""
 
     parts: Annotated[int, Field(ge=1, le=MAX_PARTS)]
     size: Annotated[int, Field(ge=1, lt=2**63)]
@@ -165,7 +165,7 @@ class StatedLens(Document):
 
 
 class ImageSize(Document):
-    """How many frames have this size."""
+    """The number of frames of one size."""
 
     width: int
     height: int
@@ -173,7 +173,7 @@ class ImageSize(Document):
 
 
 class StampFacts(Document):
-    """What a sensor's stamps tell.
+    """The facts that a sensor's stamps tell.
 
     Attributes:
         rate_hz: from the median step between stamps; None for fewer than two.
@@ -194,7 +194,7 @@ class StampFacts(Document):
 
 
 class SensorFacts(StampFacts):
-    """How a sensor was read, and what stands out in it.
+    """The reading of a sensor, and what stands out in it.
 
     ``empty`` counts sweeps without a point, which were left out.
     ``offset_ns``: of a camera, its clock minus the LiDAR's by the times of recording, which spread by ``spread_ns``;
@@ -234,7 +234,7 @@ class FixedFrame(Document):
 
 
 class RecordingFacts(Document):
-    """What is true of a recording as a whole.
+    """The facts about a recording as a whole.
 
     ``together_s`` is how long all its sensors ran, ``omissions`` what was left out, because it cannot be used.
     """

@@ -1,4 +1,4 @@
-"""What requests and answers about tried remedies look like: what each would bring on held-out pairs."""
+"""Requests and answers about tried remedies: what each would bring on held-out pairs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RemediesRequest(Received):
 
 
 class RemedyTrial(Document):
-    """What the remedy of one ``check`` brings, on the pairs of this result, and a ``sentence``.
+    """The effect of the remedy of one ``check`` on the pairs of this result, and a ``sentence``.
 
     ``noise_px``: of held-out pairs per coordinate, with the remedy and without it (``before``); ``log_likelihood`` of
     these pairs (with its standard error): how much higher it is with the remedy. ``moved_px``: how far 95 % of the

@@ -1,4 +1,4 @@
-"""What a fit returns: one document, which the solver builds, the service stores and everybody reads.
+"""The result of a fit: one document, which the solver builds, the service stores and everybody reads.
 
 A member that some results do not have is null there. What the pairs do not tell is null, too, never a number that is
 none.
@@ -67,7 +67,7 @@ class FittedPairs(Errors):
 
 
 class OutlierPair(Document):
-    """What the set knows of a pair: its moment, sweep, frame or pose, corner (if not the tip's), and the mark."""
+    """A pair as its set describes it: its moment, sweep, frame or pose, corner (if not the tip's), and the mark."""
 
     stamp_ns: int | None = None
     sweep_index: int | None = None
@@ -166,7 +166,7 @@ class ComparedResult(Document):
 
 
 class Provenance(Document):
-    """What a result was computed from and by. ``request`` is the solver's own document, angles in radians."""
+    """The data and programs that a result comes from. ``request`` is the solver's document, angles in radians."""
 
     request: dict[str, Any]
     pairs_sha256: str
@@ -174,7 +174,7 @@ class Provenance(Document):
 
 
 class FitResult(FitPrecision):
-    """What a fit returns.
+    """The result of a fit.
 
     ``intrinsics`` and ``transform`` (T_camera_lidar) are the polished ones. ``ga``, ``polished``, ``baseline`` (least
     squares from the centre of the bounds) and ``linear_baseline`` (direct linear transformation with RANSAC, then

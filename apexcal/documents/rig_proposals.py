@@ -15,7 +15,7 @@ AS_TREE: Final = "tree"
 
 
 class RigAnswers(Received):
-    """What a person says of the sensors, by their names; the LiDAR is ``lidar``.
+    """A person's statements about the sensors, by their names; the LiDAR is ``lidar``.
 
     ``frames``: a sensor's frame in the vehicle's tree. ``looks``: where a camera looks, with x forward and y left in
     the tree's highest frame, or without a tree in the LiDAR's; it replaces what a tree says, but for ``tree``, which
@@ -29,7 +29,7 @@ class RigAnswers(Received):
 
 
 class RigQuestion(Document):
-    """What neither recording nor URDF says of a sensor. The proposed rig assumes ``assumed``.
+    """A question that neither recording nor URDF answers for a sensor. The proposed rig assumes ``assumed``.
 
     ``asks`` names the member of :class:`RigAnswers` that answers it; ``choices`` are its possible values.
     """

@@ -1,4 +1,4 @@
-"""How a fit treats its pairs and lenses, and how its work is cut: the words that requests choose from."""
+"""Rules of a fit for its pairs and lenses, and for cutting its work: the words that requests choose from."""
 
 from __future__ import annotations
 

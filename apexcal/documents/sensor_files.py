@@ -1,4 +1,4 @@
-"""Where a sensor's file has its parts: sweeps or images end to end, facts as JSON, an index, and its last 32 bytes.
+"""The layout of a sensor's file: sweeps or images end to end, facts as JSON, an index, and its last 32 bytes.
 
 The index has one entry for each sweep or image in the order of the stamps, all of one size. So its place follows from
 the file's size and their number, and nothing before it is read. Numbers are little-endian.
@@ -21,7 +21,7 @@ MEDIA_TYPES: Final = ("image/jpeg", "image/png", "image/webp")
 
 
 class SweepEntry(NamedTuple):
-    """Where a sweep stands in its file."""
+    """The place of a sweep in its file."""
 
     stamp_ns: int
     offset: int
@@ -30,5 +30,5 @@ class SweepEntry(NamedTuple):
 
 
 def sweep_index_at(file_bytes: int, count: int) -> int:
-    """Where the index of a LiDAR's file begins that has so many bytes and sweeps."""
+    """Return where the index begins in a LiDAR's file of so many bytes and sweeps."""
     return file_bytes - TAIL.size - SWEEP_ENTRY.size * count

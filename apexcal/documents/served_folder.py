@@ -12,7 +12,7 @@ from typing import Any
 
 
 def read_status(root: Path) -> dict[str, Any]:
-    """What the supervisor of ``root`` wrote last; empty if there is no such file."""
+    """Return the document that the supervisor of ``root`` wrote last; empty without one."""
     try:
         status = json.loads((root / "supervisor.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What can be simulated: each option of ``apexcal simulate`` once, with its default, limits and help."""
+"""Options of the simulation: each option of ``apexcal simulate`` once, with its default, limits and help."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _option(
 
 
 class Disturbances(BaseModel):
-    """What a real recording has and a clean simulation lacks. The defaults change nothing."""
+    """Disturbances of real recordings that a clean simulation lacks. The defaults change nothing."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -49,7 +49,7 @@ class VehicleState(StrEnum):
 
 
 class CameraState(StrEnum):
-    """What a vehicle gets for a camera, the gravest first."""
+    """The kinds of answers that a vehicle gets for a camera, the gravest first."""
 
     WITHDRAWN = "withdrawn"
     NONE = "none"
@@ -57,7 +57,7 @@ class CameraState(StrEnum):
 
 
 class CameraWork(StrEnum):
-    """What a camera waits for, a person's decision first. ``marks``: a recording has no calibration yet."""
+    """The work that a camera waits for, a person's decision first. ``marks``: a recording has no calibration yet."""
 
     DECISION = "decision"
     RUNNING = "running"

@@ -17,7 +17,7 @@ from apexcal.documents.transforms import SolvedTransform
 
 
 class Behind(Document):
-    """How far a model is behind the likeliest one on held-out pairs.
+    """The distance of a model behind the likeliest one on held-out pairs.
 
     Standard errors come from the scatter between blocks of pairs. ``within_noise``: log likelihoods differ by less
     than 4.
@@ -109,7 +109,7 @@ class CameraSummary(Document):
 
 
 class StatedDeviation(Document):
-    """How far the transform between two cameras lies from one that the rig states."""
+    """The distance of the transform between two cameras from one that the rig states."""
 
     source: Literal["nominal", "rig"]
     std_deg: float
@@ -132,7 +132,7 @@ class OddVertex(Document):
 
 
 class SharedVertices(Document):
-    """How the marks of the vertices that both cameras saw agree."""
+    """The agreement of the marks of vertices that both cameras saw."""
 
     vertices: int
     counted: int
@@ -172,7 +172,7 @@ class RigSummary(Document):
 
 
 class Summary(Document):
-    """What a calibration found: for each camera its models, and the cameras of the rig compared."""
+    """The summary of a calibration: for each camera its models, and the cameras of the rig compared."""
 
     cameras: dict[str, CameraSummary]
     rig: RigSummary | None
@@ -184,7 +184,7 @@ class Summary(Document):
 
 
 class Quality(Document):
-    """How good a published calibration is.
+    """The quality of a published calibration.
 
     ``std`` includes the spread of the models that held-out pairs do not rule out; ``std_of_model`` holds if the model
     is right. ``verdict`` is the gravest of its checks when its calibration ended, for the mount with its lens.

@@ -35,7 +35,7 @@ TIME_STEP_NS: Final = 1000.0
 
 
 class SweepHeader(NamedTuple):
-    """What stands before a sweep's columns. A point's ring follows from the counts behind the header."""
+    """The header before a sweep's columns. A point's ring follows from the counts behind the header."""
 
     rings: int
     points: int

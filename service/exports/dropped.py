@@ -37,7 +37,7 @@ def drop(camera: CalibratedCamera, terms: list[str]) -> Dropped:
 
 
 def _through(camera: CalibratedCamera, less: CalibratedCamera, pixels: Floats) -> Floats:
-    """Return pixels (n, 2) by the second ``brown_conrady`` lens of points that the first one shows at pixels (n, 2)."""
+    """Return pixels (n, 2) by the second ``brown_conrady`` lens of points that the first shows at pixels (n, 2)."""
     rays = np.c_[pixels, np.ones(len(pixels))] @ np.linalg.inv(np.array(camera.K)).T
     eye, zero = np.eye(3), np.zeros(3)
     points = cv2.undistortPoints(rays[:, None, :2].copy(), eye, np.array(camera.D), criteria=_ITERATIONS)

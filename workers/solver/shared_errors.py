@@ -100,7 +100,7 @@ def _over_time(both: Shares, without: Shares, used: Used, widening: float) -> Ov
 
 
 def _lasting(problem: FitProblem, p: Floats, moments: Floats) -> Component:
-    """Return the lasting errors: a share of the vertices' stated variance across the ray, or a shift of marks (px)."""
+    """Return lasting errors: a share of the vertices' stated variance across the ray, or a shift of marks (px)."""
     shapes = np.tile(np.eye(2), (len(moments), 1, 1))
     if problem.covariances is not None and np.any(problem.covariances.points):
         variances = np.diagonal(to_spherical(problem.covariances.points, problem.points), axis1=1, axis2=2)

@@ -134,7 +134,7 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
 
 
 def _over_limit(mount: Estimate, free: Estimate) -> float:
-    """Return how far apart two fits see points of the marked field, less the error of `free`, over the limit of use."""
+    """Return how far apart two fits see points of the marked field, less `free`'s error, over the limit of use."""
     problem, T = mount.fitted, transform_of(mount.fitted, mount.parameters)
     rays = T.apply(problem.points[problem.weights > 0.0])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -159,7 +159,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def meanings(names: Sequence[str]) -> set[str]:
-    """Return the meanings that columns of these names may have, of ``x``, ``y``, ``z``, ``ring``, ``intensity``, ``time``."""
+    """Return the meanings (``x``, ``y``, ``z``, ``ring``, ``intensity``, ``time``) that such columns may have."""
     plain = {name: _plain(name) for name in names}
     tables = {**dict(zip("xyz", _AXES, strict=True)), "ring": _RING, "intensity": _INTENSITY}
     of_one_column = {meaning for meaning, words in tables.items() if _named(plain, words)}
