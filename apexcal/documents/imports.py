@@ -65,7 +65,7 @@ class ReadCamera(Sent):
 
 
 class ReadFiles(Sent):
-    """The contents of calibration files. ``camera_transforms``: between their cameras; ``notes`` name what was left."""
+    """The contents of calibration files. ``camera_transforms``: between cameras; ``notes`` name what was left out."""
 
     format: ImportFormat
     cameras: list[ReadCamera]

@@ -27,7 +27,7 @@ class ModelOfLens(NamedTuple):
     """Our camera model of a stated lens.
 
     Attributes:
-        model: None where none has that name; the one with the most coefficients where none has so many.
+        model: None if no model has that name; the model with the most coefficients if D has more than any.
         D: as many coefficients as the model has, missing ones 0; None where it has too few.
     """
 

@@ -27,7 +27,7 @@ class Pixel(Received):
 class NextTask(Received):
     """Ask for a vertex to judge; ``skip`` gives a held task back and moves on.
 
-    ``ahead``: so many more are leased, so that the next ones can be shown before this one's answer has arrived, also
+    ``ahead``: number of further leases, so that the next tasks can be shown before this answer has arrived, also
     without a network. Beyond five, a person gets half of their share of what is open.
     ``vertex_id``: this vertex comes first, also if it has all the answers asked for.
     """

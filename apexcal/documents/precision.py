@@ -59,7 +59,7 @@ class OverTime(Document):
 
 
 class SharedErrors(Document):
-    """The errors that pairs of a block share: ``group`` as the pairs name it, or part of a walk (``time``, ``order``).
+    """The errors that pairs of a block share: of a ``group`` named by the pairs, or of a walk (``time``, ``order``).
 
     ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
     ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.

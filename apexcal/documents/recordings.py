@@ -181,7 +181,7 @@ class StampFacts(Document):
         missing: messages that these gaps would have held.
         jumps: steps of the clock, in recorded order: those that were taken out of the stamps, pauses of over an hour,
             and steps back (negative) of a second or for several messages.
-        backwards, duplicates: messages with an earlier stamp than the one before, and with the same.
+        backwards, duplicates: messages with an earlier stamp than the previous message, and with the same stamp.
     """
 
     rate_hz: float | None = None

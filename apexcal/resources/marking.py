@@ -19,7 +19,7 @@ class Marking(Resource):
         """The next vertex for this person, leased for a while, or None when nothing is left.
 
         Asked again before it is answered it is the same task, with a new lease; ``skip`` gives that one back.
-        ``ahead``: so many that come after it are leased too, in the task's own ``ahead``.
+        ``ahead``: number of further tasks that are leased too, in the task's own ``ahead``.
         """
         body = {"camera": camera} | ({"skip": str(skip)} if skip else {}) | ({"ahead": ahead} if ahead else {})
         answer = self._http.create(at("detections", detection_id, "tasks", "next"), json=body)

@@ -49,7 +49,7 @@ CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
 def ask_task(detection_id: UUID, body: NextTask, access: WriteAccess, request: Request) -> TaskView | Response:
     """The next vertex for this person to judge, leased to them; the one that they hold, renewed. [annotator]
 
-    With ``ahead`` so many more are leased and told, in the order in which they will come. ``vertex_id`` comes first.
+    ``ahead`` further tasks are leased and answered, in the order in which they will come. ``vertex_id`` comes first.
     """
     detection = done_detection(access, detection_id, "annotator")
     camera = find_camera(access.session, detection.recording_id, body.camera)

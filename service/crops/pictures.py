@@ -13,7 +13,7 @@ from service.crops.shifts import Room
 from service.platform.db.base import Json
 from service.platform.db.recordings import Sensor
 
-# A crop about a mark at the edge of the room reaches so many sides into the tile.
+# Least distance, in sides of a crop, of a mark from an edge of its tile that is no edge of the frame.
 _INSIDE: Final = 0.5
 
 
@@ -50,7 +50,7 @@ def room_in(tile: Tile | None, side_px: float, width: int, height: int) -> Room:
 
 
 def _span(start: int, length: int, side_px: float, size: int) -> tuple[float, float]:
-    """At the frame's own edge a crop may reach out of it."""
+    """Return the first and last pixel of marks along one axis. At the frame's own edge a crop may reach out of it."""
     first = 0.0 if start == 0 else start + _INSIDE * side_px
     last = size - 1.0 if start + length == size else start + length - 1 - _INSIDE * side_px
     return first, last

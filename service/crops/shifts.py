@@ -16,7 +16,7 @@ from uuid import UUID
 from apexcal.documents.crops import CROPS_PER_PAGE, LEAST_SHIFT_PX, LEAST_SHIFTED, MOST_SHIFT_SHARE
 
 _MORE_SHIFTED: Final = 4  # the number is uniform over these: after three a person still cannot stop looking
-MOST_MISSED: Final = 2  # a page with so many missed shifts is shown again
+MOST_MISSED: Final = 2  # a page with two missed shifts is shown again
 _TRIES: Final = 64  # of the lengths and both turns, where the frame's edge is near
 
 

@@ -31,7 +31,7 @@ REACH_M: Final = 0.25
 """A pattern's margin: printed boards have less than a quarter of a metre."""
 _REACH_PX: Final = 80.0
 _GUARD: Final = 2.5  # of the edges' softness with the filter's: nearer is the measured edge's own slope
-_PARTS: Final = 6  # of an edge, of which half decide: hands hold it in one or two
+_PARTS: Final = 6  # an edge is cut into so many parts, half of which decide: hands hold it in one or two
 _FEWEST: Final = 8
 _STANDS_OUT: Final = 1.6
 _RIVALS: Final = 0.5  # of the highest: lower tops are its side lobes

@@ -10,7 +10,7 @@ from typing import BinaryIO, Final, cast
 
 from workers.readers.progress import beat
 
-# The disk is asked how much is free after so many bytes: a tenth of the smallest reserve that makes sense.
+# Bytes between two looks at the disk's free space: a tenth of the smallest reserve that makes sense.
 _LOOK_BYTES: Final = 4 * 1024**2
 
 

@@ -78,7 +78,7 @@ def estimate_offset(
         track: the apex over time, LiDAR clock; `workers.vertices.tracks.Track` is one.
         frame_stamps_ns: (N,) stamps of the marked frames, camera clock.
         pixels: (N, 2) the marks.
-        request: the camera and what is known of it; its loss is the saturating one here, whatever it says.
+        request: the camera and its stated facts; here the loss is the saturating one, whatever the request says.
         about_ns, search_ns: offsets within about_ns +- search_ns are looked for.
         max_sigma_ns: an estimate that is less certain than this is refused.
         stop: who may end it.

@@ -258,7 +258,7 @@ def _unlikely(normal: Floats, log_det: float, count: int, prior: Floats, pull: F
     F = len(pull)
     G = normal / exp(log_noise)
     total = 0.5 * (2.0 * count * log_noise + log_det + G[F, F])
-    # Cholesky's factor in place, without the parameters that nothing determines beside those before them.
+    # Cholesky's factor in place, without parameters that nothing determines beside the earlier ones.
     for a in range(F):
         G[F, a] += pull[a]
         for b in range(a + 1):

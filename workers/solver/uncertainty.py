@@ -163,7 +163,7 @@ def turns_are_free(problem: FitProblem) -> bool:
 
 
 def _spread(problem: FitProblem, rows: Floats, sigma: float, freedom: float | None) -> Uncertainty:
-    # A prior's rows were made under the noise that the problem states; sigma is what is known of it by now.
+    # A prior's rows were made under the noise that the problem states; sigma is the noise as estimated by now.
     of_marks = 2 * len(problem.points)
     J = np.concatenate([rows[:of_marks], rows[of_marks:] * (sigma / (problem.noise_scale * problem.mark_sigma_px))])
     local = turns_are_free(problem)

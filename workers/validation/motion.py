@@ -24,7 +24,7 @@ _LATEST_S: Final = 0.35
 _GRID_M: Final = 0.4
 # Distances of points that may belong together, from the first round to the last: 3.6 m are 130 km/h in 0.1 s.
 _REACHES_M: Final = (4.0, 2.0, 1.0, 0.5)
-# Of the thinned points so many must have a partner; unrelated places have less than half.
+# Least share of the thinned points that have a partner; sweeps of unrelated places have less than half.
 _TOGETHER: Final = 0.6
 _FEWEST: Final = 200
 # A standing LiDAR of 1 to 3 cm of noise registers with up to 0.02 m/s and 0.2 degrees/s.

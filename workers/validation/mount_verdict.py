@@ -14,7 +14,8 @@ from apexcal.documents.validations import AxisCheck, AxisVerdict, TurnAxis
 from workers.validation.mount_search import REACH_DEG, Summit
 from workers.validation.road_verdict import contradiction
 
-# The peak leads by so many deviations of its lead. With images turned around, where nothing fits, it leads by 0.6.
+# A verdict needs a peak that leads by so many deviations of its lead. On reversed images, where nothing fits, a peak
+# leads by 0.6.
 CLEAR: Final = 2.0
 # A place next to the deployed mount needs less of a lead over places far off, where mounts rarely are.
 _CLEAR_OF_FAR: Final = 1.0

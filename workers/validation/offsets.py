@@ -27,7 +27,7 @@ _SHIFT_STEP_M: Final = 0.025
 _AROUND_DEG: Final = 0.35
 # What lies farther from the peak than this is another place.
 _APART_DEG: Final = 1.0
-# The jackknife leaves out one of at most so many groups at a time.
+# Largest number of groups of the jackknife, which leaves out one at a time.
 MOST_GROUPS: Final = 60
 
 _NAMES: Final = ("pitch", "yaw", "roll", "x", "y", "z")

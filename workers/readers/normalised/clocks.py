@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 CLOCKS_APART_NS: Final = 1_000_000_000
 # ntpd slews smaller offsets and steps larger ones (its option `tinker step`).
 _LEAST_STEP_NS: Final = 128_000_000
-# The least delay of so many messages: a recorder that was busy hands on late what it then has, never early.
+# Messages whose least delay counts: a busy recorder hands messages on late, never early.
 _AROUND: Final = 20
 _FEW: Final = 5
 _MOST_STEPS: Final = 20
