@@ -156,7 +156,7 @@ def calibrate(
 
 
 def _publications(client: Client, calibration: CalibrationView, *, publish: bool) -> list[str]:
-    """For each camera, which result is now its current calibration, or why none of this calibration is."""
+    """Say for each camera which result became its current calibration, or why none did."""
     vehicle = client.vehicles.get(calibration.vehicle_id).name
     sentences: list[str] = []
     for name, camera in (calibration.summary.cameras if calibration.summary else {}).items():

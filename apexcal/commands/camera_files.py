@@ -56,7 +56,7 @@ def pairs_of_files(
 def pairs_of_marks(
     client: Client, detection_id: str, cameras: Sequence[str], *, machine_marks: bool
 ) -> list[PairsOf]:
-    """Each camera, and what makes pairs of the marks in it."""
+    """Return each camera with the function that makes pairs of its marks."""
     detection = find_detection(client, detection_id)
     recording = client.recordings.get(detection.recording_id)
     with_rig = client.vehicles.rig(recording.rig_id)

@@ -154,7 +154,7 @@ def alias(
 
 @contextmanager
 def _saying_checks() -> Iterator[None]:
-    """Each check that the result does not pass on a line of its own, and how to publish all the same."""
+    """Say which checks the result does not pass, a line each, and how to publish all the same."""
     try:
         yield
     except ApiError as error:

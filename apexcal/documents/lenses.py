@@ -82,7 +82,7 @@ def check_lens(
 
 
 def coefficients_of(model: ModelName, D: Sequence[float]) -> list[float] | None:
-    """As many coefficients as the model has, missing ones 0; None where D has further ones that are not 0."""
+    """Return as many coefficients as the model has, missing ones 0; None if D has further ones that are not 0."""
     size = len(CAMERA_MODELS[model].distortion)
     return None if any(D[size:]) else [*D[:size], *[0.0] * (size - len(D))]
 
@@ -109,7 +109,7 @@ def stated_deviation(model: ModelName, name: str, value: float, width: float) ->
 
 
 def parameters_of(stated: Mapping[str, Any], model: ModelName) -> dict[str, float] | None:
-    """Every intrinsic parameter of a model as a ``StatedLens`` has it, or None where it has not that distortion."""
+    """Return every intrinsic parameter of a model for a ``StatedLens``; None for a lens of another distortion."""
     f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
     of: ModelName | None = stated["model"]
     plain = model == "pinhole" and of == "brown_conrady" and not any(stated["D"])

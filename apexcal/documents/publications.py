@@ -63,7 +63,7 @@ class Override(Received):
 
 
 class PublicationRequest(Received):
-    """Under which alias a result is published, and why. ``override`` is needed if a check says `stop`.
+    """The alias under which a result is published, and the reason. ``override`` is needed if a check says `stop`.
 
     It is kept with the sentences of the checks. A result that the alias led to before needs a reason.
     """

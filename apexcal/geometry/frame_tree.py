@@ -29,7 +29,7 @@ class Joint(NamedTuple):
 
 
 class JointPath(NamedTuple):
-    """From one frame to another: joints up from the first to the common ancestor, and down to the second.
+    """The path from one frame to another: joints up from the first to the common ancestor, and down to the second.
 
     Both are in the order in which they are passed.
     """
@@ -39,7 +39,7 @@ class JointPath(NamedTuple):
 
     @property
     def joints(self) -> Sequence[Joint]:
-        """All of them."""
+        """Return all joints of the path."""
         return [*self.up, *self.down]
 
 

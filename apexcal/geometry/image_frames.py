@@ -12,7 +12,7 @@ _SAME: Document = {"matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 def T_images_camera(frame: str, images: Document | None) -> Document:  # noqa: N802 - a transform
-    """From the camera's own frame to that of its images; the identity unless these are rectified and turned."""
+    """Return the transform from the camera's frame to its images': the identity unless they are turned."""
     rotation = (images or {}).get("rotation")
     return _turn(f"{frame}_rectified" if rotation else frame, frame, rotation or _SAME)
 

@@ -70,7 +70,7 @@ def side_by_side(result: Compared, other: Compared) -> dict[str, Any]:
 
 
 def difference(result: Compared, other: Compared) -> dict[str, float]:
-    """By parameter, of two results' mounts and lenses: turns about the camera's axes in degrees, metres, pixels."""
+    """Return the difference of two results by parameter: turns about the camera's axes (degrees), metres, pixels."""
     apart = _mounts_apart(from_document(result.transform), from_document(other.transform))
     return apart | {name: getattr(result.intrinsics, name) - getattr(other.intrinsics, name) for name in _LENS}
 
@@ -118,7 +118,7 @@ def _parameter(name: str, apart: float, own: float | None, other: float | None) 
 
 
 def _distortion(lens: Intrinsics, other: Intrinsics) -> dict[str, float]:
-    """By coefficient; of two models they mean different things."""
+    """Return differences by coefficient; none for two models, whose coefficients mean different things."""
     own, their = lens.by_name(), other.by_name()
     alike = lens.model == other.model
     return {name: own[name] - their[name] for name in _COEFFICIENTS if alike and name in own and name in their}

@@ -82,7 +82,7 @@ def _confirm(session: Session, page: CropPage, camera: Sensor, corner: _SeenCorn
 
 
 def _take_back(session: Session, camera: Sensor, corner: _SeenCorner) -> None:
-    """Without its mark in the frame a confirmation is no answer."""
+    """Take back the confirmations that stand for a corner in a frame, because its mark was rejected."""
     standing = select(Answer).where(_of_frame(camera, corner), Answer.is_mark, Answer.machine_sigma_px.is_not(None))
     for row in session.scalars(standing).all():
         reopen(session, row.person_id, camera.recording_id, corner.apex_id)

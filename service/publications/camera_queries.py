@@ -92,7 +92,7 @@ def published_exports(session: Session, vehicle: Vehicle, selection: Selection) 
 
 
 def next_moves(session: Session, vehicle_id: UUID, alias: str, as_of: datetime) -> dict[str, datetime]:
-    """By camera, when its alias first moved after a moment."""
+    """Return, by camera, when its alias first moved after a moment."""
     later = (Publication.vehicle_id == vehicle_id, Publication.alias == alias, Publication.created_at > as_of)
     first = func.min(Publication.created_at)
     rows = session.execute(select(Publication.camera, first).where(*later).group_by(Publication.camera))
@@ -100,7 +100,7 @@ def next_moves(session: Session, vehicle_id: UUID, alias: str, as_of: datetime) 
 
 
 def _newest(vehicle_id: UUID, selection: Selection) -> Select[*tuple[Any, ...]]:
-    """All in one statement, because rows may be deleted between two. An index finds each camera's newest."""
+    """Read each camera's newest move by an index, in one statement, because rows may be deleted between two."""
     cameras = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle_id)
     if selection.cameras:
         cameras = cameras.where(RigCamera.name.in_(selection.cameras))

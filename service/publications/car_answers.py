@@ -55,7 +55,7 @@ def car_answers(session: Session, vehicle_id: UUID) -> CarAnswers:
 
 
 def changed_answers(session: Session, before: Mapping[UUID, CarAnswers], fleets: Mapping[UUID, str]) -> list[str]:
-    """Each answer that is not what it was ``before``, a sentence each. ``fleets``: the renamed ones' names before."""
+    """Return a sentence for each answer that differs from ``before``. ``fleets``: the renamed ones' names before."""
     after = {vehicle_id: car_answers(session, vehicle_id) for vehicle_id in before}
     lines: list[str] = []
     serials: set[tuple[str, UUID | None]] = set()

@@ -261,7 +261,7 @@ def _judged(mounts: CTE) -> CTE:
 
 
 def _mounts(fleet_id: UUID) -> CTE:
-    """Each camera of each rig of the fleet, and a row without a camera for what has none.
+    """Select each camera of each rig of the fleet, and a row without a camera for vehicles that have none.
 
     ``rig_age`` is 1 for the newest rig of its LiDAR. ``is_swapped``: the newest rig that states the serial number of
     the camera, or of this LiDAR, states another one. A sensor without a serial number counts as not swapped.

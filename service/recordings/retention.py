@@ -76,7 +76,7 @@ def _fleets(session: Session) -> Sequence[UUID]:
 
 
 def _days(session: Session, fleet_id: UUID) -> Json:
-    """After how many days what goes."""
+    """Return the days after which each layer goes."""
     return session.scalar(select(Fleet.retention).where(Fleet.id == fleet_id)) or {}
 
 

@@ -84,7 +84,7 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
 
 
 def _off(comparison: Halves, focal_px: float) -> float:
-    """By how much the marks' projections differ, over what use allows; 0 within chance."""
+    """Return the difference of the marks' projections over the limit of use; 0 within chance."""
     return over_use(comparison.field_px, focal_px) if comparison.field_ratio > comparison.field_limit else 0.0
 
 

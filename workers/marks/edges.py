@@ -252,7 +252,7 @@ def _tangents(edges: tuple[Curve, Curve]) -> tuple[Floats, Floats]:
 
 
 def inward(edges: tuple[Curve, Curve]) -> tuple[float, float]:
-    """For each edge, the component of the other one along its normal: the sign is that of offsets into the board."""
+    """Return, for each edge, the other's component along its normal; the sign is that of offsets into the board."""
     tangents = _tangents(edges)[1]
     across = np.column_stack([-tangents[:, 1], tangents[:, 0]])
     return float(across[0] @ tangents[1]), float(across[1] @ tangents[0])

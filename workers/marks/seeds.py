@@ -51,7 +51,7 @@ class FrameSeeds:
 
 
 def spread_over(frames: Sequence[int], most: int = MOST_FRAMES) -> list[int]:
-    """At most so many of the frames, spread evenly over their order."""
+    """Return at most ``most`` of the frames, at even steps."""
     ordered = sorted(set(frames))
     if len(ordered) <= most:
         return ordered

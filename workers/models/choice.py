@@ -127,7 +127,7 @@ def _unjudged(name: str, model: Candidate) -> str:
 
 
 def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
-    """Without held-out pairs: Schwarz's criterion (1978) on the errors of the fits."""
+    """Choose without held-out pairs, by Schwarz's criterion (1978) on the errors of the fits."""
     evidence = evidence_of_models({name: candidate.fitted for name, candidate in models.items()}, area_px2)
     coordinates = 2.0 * len(evidence.belongs)
     cost = {

@@ -44,7 +44,7 @@ class Pairs:
 
 
 class Evidence(NamedTuple):
-    """By model: log likelihood of each pair, its total, and its weight among the models; ``best`` is the likeliest.
+    """For each model the log likelihoods of pairs, their total, and its weight; ``best`` is the likeliest model.
 
     ``belongs`` (N,): the probability under the best model that the pair is no wrong mark; totals count pairs by it.
     ``sigma_px``: each model's noise per coordinate, without wrong marks.
@@ -58,7 +58,7 @@ class Evidence(NamedTuple):
     sigma_px: dict[str, float]
 
     def behind(self, model: str, block: Integers) -> tuple[float, float]:
-        """By how much the best model's total is higher, and the standard error of that over the blocks."""
+        """Return by how much the best model's total is higher, and the standard error of this over the blocks."""
         difference = self.belongs * (self.log_likelihood[self.best] - self.log_likelihood[model])
         return float(difference.sum()), standard_error(difference, block)
 

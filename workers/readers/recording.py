@@ -207,7 +207,7 @@ class Recording:
         raise NotImplementedError
 
     def samples(self, sensor: Sensor, count: int) -> Iterator[Sweep | Frame]:
-        """Some sweeps or frames of a sensor, as ``messages`` gives them: the first ones where no others can be read.
+        """Yield some sweeps or frames of a sensor, as in ``messages``: the first ones if no others can be read.
 
         ``omissions`` then has what it left out of this sensor.
         """

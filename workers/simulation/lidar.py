@@ -79,7 +79,7 @@ class SimulatedLidar:
         self._every = np.array(sensor.every) if sensor.every else np.ones(rings, np.int64)
 
     def seconds_per_sector(self) -> float:
-        """From a sweep's stamp to its last point."""
+        """Return the seconds from a sweep's stamp to its last point."""
         return 2.0 * self._sector / self._omega
 
     def sweep(self, index: int, start_s: float, stamp_ns: int) -> Sweep:

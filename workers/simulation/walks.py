@@ -109,7 +109,7 @@ def _all_over(random: np.random.Generator, seconds: float) -> tuple[Floats, Floa
 def _anywhere(
     slowest: float, fastest: float, far_m: float = FIELD_X_M[1]
 ) -> Callable[[np.random.Generator, float], tuple[Floats, Floats]]:
-    """From one random place of the field, up to ``far_m``, to the next, each leg at its own pace (m/s)."""
+    """Make a walk between random places of the field, up to ``far_m``, each leg at its own pace (m/s)."""
 
     def line(random: np.random.Generator, seconds: float) -> tuple[Floats, Floats]:
         places = [_place(random, far_m)]

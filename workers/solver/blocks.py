@@ -41,7 +41,7 @@ class Blocks:
 
     @property
     def halves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Every second time block or group, and the earlier half of them: (N,) each, true for the first half."""
+        """Return two splits (N,): every second block or group, and the earlier ones; true for the first half."""
         labels = self.labels if self.moments is None else _stretches(self.moments)
         count = int(labels.max()) + 1
         return labels % 2 == 0, labels < (count + 1) // 2

@@ -37,7 +37,7 @@ _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 
 
 def halves_of(whole: Estimate) -> list[Halves]:
-    """Both splits of the pairs that determine the estimate, if each half determines the parameters by itself.
+    """Compare both splits of the determining pairs, if each half determines the parameters by itself.
 
     The halves are polished from the full result, with its bounds, locks and priors; priors count in both.
     """

@@ -59,7 +59,7 @@ class _Plan:
         return replace(self, errors=replace(self.errors, common=self.errors.common * by_column))
 
     def with_lens(self, sigmas: Floats) -> _Plan:
-        """With a prior on the unknowns whose deviation (F,) is finite."""
+        """Return the plan with a prior on the unknowns whose deviation (F,) is finite."""
         fit = self.errors.fit
         prior = fit.prior + np.diag((self.errors.scale / sigmas) ** 2)
         return replace(self, errors=replace(self.errors, fit=replace(fit, prior=prior)))

@@ -126,7 +126,7 @@ def _marked_frames(session: Session, lidar_id: UUID) -> dict[UUID, _Marked]:
 
 
 def _pair(batch: Detections, stamps: np.ndarray, pairing: Json, marked: _Marked) -> list[Pair | None]:
-    """Each vertex's frame, or None where there is none near enough. Still poses have no track to be moved along.
+    """Return each vertex's frame, or None if none is near enough. Still poses have no track to be moved along.
 
     A vertex keeps the frame in which people marked it as far as its track reaches.
     """
@@ -296,7 +296,7 @@ def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:
 
 
 def _runs(before: Mapping[str, list[list[int]]], refused: Mapping[int, str]) -> dict[str, list[list[int]]]:
-    """By reason, [first, last] of each run of neighbouring sweeps refused for it: runs of all shards so far."""
+    """Return, by reason, [first, last] of each run of neighbouring sweeps refused for it, of all shards so far."""
     runs: dict[str, list[list[int]]] = defaultdict(list)
     earlier = [(first, last, name) for name, of_reason in before.items() for first, last in of_reason]
     for first, last, name in sorted([*earlier, *((index, index, reason) for index, reason in refused.items())]):

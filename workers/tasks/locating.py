@@ -99,6 +99,6 @@ def _members(point: PixelPoint) -> Json:
 
 
 def _rounded(points: NDArray[np.float64]) -> list[list[float]]:
-    """To a tenth of the finest range step of the supported sensors, 1 mm."""
+    """Round to a tenth of the finest range step of the supported sensors, 1 mm."""
     rows: list[list[float]] = np.round(points, 4).tolist()
     return rows

@@ -88,7 +88,7 @@ class EdgeCheck:
         return float(self._scores(np.zeros((1, 6)))[0])
 
     def result(self) -> dict[str, Any]:
-        """As the document of a road score says."""
+        """Return the document of a road score."""
         judged, summits = self.verdict(), self._summits
         along, curves = curve_offsets()
         score = self._scores(np.concatenate([along, np.zeros((1, 6)), _ONE_DEGREE]))

@@ -57,7 +57,7 @@ class LaneCheck:
         look_up(paint, scale, *plain, np.zeros((1, 6)), *self._plain)
 
     def result(self) -> dict[str, Any]:
-        """As the document of a road score says."""
+        """Return the document of a road score."""
         turns = slice(0, len(self._turns))
         score = total(self._sums, self._counts)
         peak = find_peak(self._turns, self._sums[turns], self._counts[turns])

@@ -47,7 +47,7 @@ class JobFigures(Collector):
         self._stale_at = self._blobs_stale_at = 0.0
 
     def describe(self) -> list[Metric]:
-        """Nothing: asking the database when the process starts would be too early."""
+        """Return nothing, because the database should not be asked when the process starts."""
         return []
 
     def collect(self) -> Iterator[Metric]:

@@ -36,7 +36,7 @@ class PartFigures(Collector):
         self._app = app
 
     def describe(self) -> list[Metric]:
-        """Nothing: looking when the process starts would be too early."""
+        """Return nothing, because it is too early for figures when the process starts."""
         return []
 
     def collect(self) -> Iterator[Metric]:

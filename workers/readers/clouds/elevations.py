@@ -120,7 +120,7 @@ def find_levels(elevation: NDArray[np.float64]) -> Levels:
 
 
 def _with_weak(elevation: NDArray[np.float64], levels: Levels, half: int) -> Levels:
-    """With the rings of few points: those that see mostly sky are lost beside a hundred times as many points."""
+    """Add the rings of few points: rings that see mostly sky are lost beside a hundred times as many points."""
     for _ in range(_WEAK_ROUNDS):
         left = elevation[nearest_level(elevation, levels.centres) < 0]
         weak = _teeth(_histogram(left), half, _WEAK_VALLEY)

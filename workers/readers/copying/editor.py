@@ -200,7 +200,7 @@ def _is_moving(topic: BagTopic) -> bool:
 
 
 def _infos_of(container: Container, cameras: dict[str, CameraEdit]) -> dict[str, CameraEdit]:
-    """By topic of intrinsics, the camera whose they are."""
+    """Return the camera of each topic of intrinsics."""
     first: dict[str, CameraInfo] = {}
     for topic in container.topics:
         if full_name(topic.type) != INFO or topic.encoding not in ("ros1", "cdr"):

@@ -41,7 +41,7 @@ class CameraEdit:
 
 @dataclass(frozen=True, slots=True)
 class Edits:
-    """All of them. ``lidar_frame`` is that of the points."""
+    """All edits of a recording. ``lidar_frame`` is the points' frame."""
 
     lidar_frame: str
     cameras: Sequence[CameraEdit]
@@ -49,7 +49,7 @@ class Edits:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
-        """From plain data, as the service plans it."""
+        """Make the edits of plain data, as the service plans them."""
         return TypeAdapter(cls).validate_python(data)
 
 

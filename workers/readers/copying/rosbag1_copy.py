@@ -65,7 +65,7 @@ def _copy(bag: Rosbag1Bag, out: Path, editor: Editor, on_done: Callable[[float],
 
 
 def _connections(bag: Rosbag1Bag, writer: Writer) -> dict[int, Connection]:
-    """By the number in the bag. Connections that say the same are one."""
+    """Return the writer's connections by their number in the bag. Equal ones are one connection."""
     by_identity: dict[tuple[Any, ...], Connection] = {}
     by_id: dict[int, Connection] = {}
     for source in bag.reader.connections:

@@ -33,7 +33,7 @@ _REDUCED: Final = {
 
 
 def reduced(width: int, height: int, widest: int) -> int | None:
-    """By which of 1, 2, 4, 8 an image is made smaller, so that it is about as wide as is needed.
+    """Return the factor 1, 2, 4 or 8 that makes an image about as narrow as is needed.
 
     Then it has no more pixels than a square that is ``widest`` wide. None if it has more even at an eighth.
     """

@@ -33,7 +33,7 @@ class FrameTimes:
 
     @classmethod
     def read(cls, content: bytes, where: str) -> FrameTimes:
-        """From a CSV with the columns ``stamp_ns`` and, optionally, ``frame``.
+        """Read the times of a CSV with the columns ``stamp_ns`` and, optionally, ``frame``.
 
         Raises:
             ReadError: ``timestamps_malformed``.

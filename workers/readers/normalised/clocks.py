@@ -74,7 +74,7 @@ class ClockReport:
     step_sentences: list[str] = field(default_factory=list[str])
 
     def sentences(self, name: str) -> list[str]:
-        """All of them, of a camera of this name, for the recording's page."""
+        """Return all sentences on a camera of this name, for the recording's page."""
         remedy = "Detect with this offset (`--offset-ms`) to get pairs."
         return self.step_sentences + ([f"{offset_sentence(name, self.offset)} {remedy}"] if self.offset else [])
 

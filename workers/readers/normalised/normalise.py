@@ -47,7 +47,7 @@ class _Times:
             self._numbers.append(number)
 
     def of_recording(self) -> Times | None:
-        """All of them, if each message has a time of recording."""
+        """Return the times of all messages, if each has a time of recording."""
         if not len(self.stamps) == len(self._logs) > 0:
             return None
         return Times(*(np.array(each, np.int64) for each in (self._numbers, self.stamps, self._logs)))

@@ -78,7 +78,7 @@ class McapContents:
             self.counts = Statistics.read(stream).channel_message_counts
 
     def count(self, message: memoryview) -> int:
-        """One more message, by its record. Returns its channel.
+        """Count one more message, by its record, and return its channel.
 
         Raises:
             struct.error: it is too short.
