@@ -237,7 +237,7 @@ _DECENTRED: Final = 0.1
 """Tangential terms are the first radial one of a lens off its axis by this share of the corner's radius
 (Conrady 1919)."""
 _ASPECT: Final = 0.005
-"""One standard deviation of f_y / f_x: pixels are square, and published lenses differ from one by 0.0033 (root mean
+"""One standard deviation of f_y / f_x: pixels are square, and published lenses differ from one by 0.0039 (root mean
 square; `docs/uncertainty.md`)."""
 _CONTRADICTED: Final = 4.0  # standard deviations; errors that last, found only later, bring sound fits beyond three
 _BETTER: Final = 0.9  # of a stated deviation: what tells it less is not worth another fit
