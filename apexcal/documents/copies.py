@@ -16,12 +16,10 @@ from apexcal.documents.publications import CURRENT
 class CopyRequest(RecordingQuestion):
     """Ask for a recording's file with CameraInfo and ``/tf_static`` as calibrated.
 
-    ``for_viewers``: instead an MCAP file of Foxglove's messages with undistorted frames beside the recorded ones, of
-    any kind of recording.
-
-    ``cameras``: by default all cameras of the recording that are given a calibration under ``alias``. ``joints``
-    names the frame whose pose is replaced, by camera; by default the first one towards the camera where the ways to
-    camera and LiDAR part.
+    ``for_viewers`` asks instead for an MCAP file of Foxglove's messages, with undistorted frames beside the recorded
+    ones, of any kind of recording. ``cameras``: by default all with a published calibration under ``alias``.
+    ``joints`` names, by camera, the frame whose pose is replaced; by default the first frame on the camera's side of
+    the nearest common ancestor of camera and LiDAR.
     """
 
     kind: Literal["calibrated_copy"]
@@ -38,7 +36,7 @@ class CopyRequest(RecordingQuestion):
 
 
 class PutPose(Document):
-    """``T_parent_child`` as written into the copy; ``is_new``: it does not replace one that the recording states."""
+    """``T_parent_child`` as written into the copy. ``is_new``: the recording states no such pose."""
 
     parent: str
     child: str

@@ -1,6 +1,6 @@
 """A rig proposed from what a recording and a URDF say, with the questions that they leave open.
 
-Command, client and pages have their rigs from here: :func:`propose_rig` is the only derivation.
+Command, client and pages take their rigs from :func:`propose_rig`; nothing else derives one.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class RecordedSensor(NamedTuple):
 
 
 class _Mount(NamedTuple):
-    """Where a tree has a camera: ``T_camera_lidar``, and the joint's transforms if there is one to solve for.
+    """A camera's mount in a tree: ``T_camera_lidar``, and the joint's transforms if there is one to solve for.
 
     ``T_top_lidar`` leads to the frame that says where up and forward are.
     """
@@ -62,8 +62,8 @@ def propose_rig(
 
     Args:
         sensors: the LiDAR first, then the cameras.
-        trees: by what they are called in sentences; the first that leads from the LiDAR to a camera counts.
-        answers: what a person says.
+        trees: by their names in sentences; the first tree that leads from the LiDAR to a camera counts.
+        answers: a person's.
 
     Raises:
         InputError: ``frames_not_usable``, also for answers about sensors that there are not.
@@ -106,7 +106,7 @@ def _check_answers(answers: RigAnswers, sensors: Sequence[RecordedSensor]) -> No
 
 
 def _recorded_frames(sensors: Sequence[RecordedSensor]) -> dict[str, str]:
-    """Return a frame for each sensor: as recorded, where this is a name and no other sensor's."""
+    """Return a frame for each sensor: the recorded one if it is a valid name that no other sensor has."""
     frames: dict[str, str] = {}
     for sensor in sensors:
         frame = sensor.frame_id.removeprefix("/")
@@ -251,7 +251,7 @@ def _vehicle(lidar: str, trees: Collection[FrameTree]) -> dict[str, Any] | None:
 
 
 def _view(camera: RecordedSensor, mount: _Mount, label: str, notes: list[str]) -> str | None:
-    """Note where a camera looks as a tree has it, and which joint is solved for. Return what is unlikely of that."""
+    """Note where a camera looks in a tree, and which joint is solved for. Return a doubt about this, if any."""
     T, joint = mount.T_camera_lidar, mount.joint
     axis = axis_direction(T, mount.T_top_lidar, f"{camera.name} {camera.topic} {camera.frame_id}")
     view = f"{camera.name}: {T.to_frame} looks {axis.sides}, as {label} says"

@@ -21,8 +21,10 @@ _ASKED = {"frame", "stamp_ns", "pixels", "k", "lidar_noise"}
 
 
 def plan(access: Access, request: PixelPointsRequest) -> Analysis:
-    """The pixels, their moment and the calibration. Raises :class:`Problem` as ``plan_on_recording``, 404
-    ``unknown_frame``.
+    """Make the row of a question: pixels, their moment and the calibration.
+
+    Raises:
+        Problem: as ``plan_on_recording``, and 404 ``unknown_frame``.
     """
     row = plan_on_recording(access, request)
     _check_frame(access.session, request)

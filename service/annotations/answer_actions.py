@@ -1,6 +1,7 @@
-"""Answers to marking tasks, and their undoing: once per id, on the version that the person saw, ten times at most.
+"""Answers to marking tasks, and their undoing.
 
-The person's lock is held, so that two browser tabs of one person come one after the other.
+An id is answered once. An answer replaces the version that the person saw, and a vertex takes ten at most. The
+person's lock is held, so that two browser tabs of one person come one after the other.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def create_answer(session: Session, subject: Subject, answer: Answer) -> AnswerV
 def undo(session: Session, subject: Subject, undone: Undo, lease_s: float) -> Subject:
     """Take the last answer back, and lease its vertex to the same person again in the same transaction.
 
-    The mark stays in the history, and is shown to its person as it was. Returns what the task asks now.
+    The mark stays in the history, and is shown to its person as it was. Return the task's new subject.
 
     Raises:
         Problem: ``nothing_to_undo``, ``answer_id_used``, ``answer_changed``, ``answered_too_often``.
@@ -109,7 +110,7 @@ def _restore_verdict(session: Session, subject: Subject) -> None:
 
 
 def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content: Json) -> AnswerRow | None:
-    """The answer if it was given before; None where it is new, and made on the version that stands.
+    """Return the earlier answer with this id; None if the id is new and the answer replaces the present version.
 
     Raises:
         Problem: ``answer_id_used``, ``answer_changed``, ``answered_too_often``.

@@ -1,7 +1,7 @@
 """Calibration files read without a service: ``python -m service.imports RECORDING FILE...``.
 
-One line of JSON: ``read``, as ``POST /v1/calibration-files/reading`` answers, or ``error``. Of a dataset's tables the
-recording's files tell which records count; a lens without an image size has 0 x 0 pixels.
+It prints one line of JSON: ``read``, as ``POST /v1/calibration-files/reading`` answers, or ``error``. The recording's
+files choose the records of a dataset's tables. A lens without an image size has 0 x 0 pixels.
 """
 
 from __future__ import annotations

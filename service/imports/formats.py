@@ -1,6 +1,6 @@
 """The table of formats that are read, and the reading of files whose format their content tells.
 
-What files hold is shown as answers have it, with doubts about each lens and mount.
+Contents are shown in the form of answers, with doubts about each lens and mount.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ def files_view(sent: CalibrationFiles, *, needs_size: bool = True) -> ReadFiles:
 
 
 def transform_view(T: SE3) -> SolvedTransform:
-    """A transform in every form of its rotation."""
+    """Return a transform in every form of its rotation."""
     return SolvedTransform.model_validate(to_document(T))
 
 

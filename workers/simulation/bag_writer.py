@@ -39,7 +39,7 @@ class Picture:
     """One camera frame before it is encoded.
 
     Attributes:
-        stamp_ns: what the camera's clock said, UTC nanoseconds.
+        stamp_ns: by the camera's clock, UTC nanoseconds.
         image: (height, width, 3) uint8 BGR, or (height, width) uint16 of a thermal camera.
     """
 
@@ -55,7 +55,7 @@ class CameraChannel:
         name: the rig's name for it.
         frame_id: its coordinate frame.
         topic: last word of its images' topic.
-        info: what its driver states with each of them; None: nothing.
+        info: the driver's CameraInfo with each image; None: nothing.
         is_deep: whether its images have 16 bits, and are not compressed.
     """
 
@@ -83,10 +83,10 @@ class BagWriter:
     It is complete when it is closed.
 
     Args:
-        path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``: what one uploads.
+        path: a file for ``bag``; a folder that does not exist for ``db3`` and ``mcap``.
 
     Attributes:
-        names: what the recording calls ``lidar`` and each camera.
+        names: topics of ``lidar`` and of each camera.
 
     Raises:
         FileExistsError: something is at ``path`` already.

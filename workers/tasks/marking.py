@@ -40,7 +40,7 @@ from workers.tasks.context import Context
 from workers.tasks.crop_tiles import write_tiles
 from workers.tasks.originals import camera_of, require_room
 
-# Of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
+# Covariance of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
 _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
 Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
 _COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px", "places")
@@ -51,7 +51,7 @@ _WIDEST: Final = 1 << 14  # frames are marked as they are
 class _MarkingWork:
     """Sights with the vertex of each corner, and the camera's frames: offset, length of each by its index.
 
-    Few sights have frames without one beside them, which tell the background.
+    If sights are few, frames without a sight tell the background too.
     """
 
     recording_id: UUID
@@ -206,7 +206,7 @@ def _stated_lens(of_rig: RigCamera | None, camera: Sensor) -> Lens | None:
 
 
 def _sight(vertex: Vertex, frame: VertexFrame, roll: float, velocity: NDArray[np.float64]) -> Sight:
-    """The board at the frame's time."""
+    """Return the board at the frame's time."""
     at = vertex if frame.x is None else frame
     xyz = np.array([at.x, at.y, at.z], np.float64)
     corners: dict[CornerName, NDArray[np.float64]] = {TOP: xyz}
@@ -218,7 +218,7 @@ def _sight(vertex: Vertex, frame: VertexFrame, roll: float, velocity: NDArray[np
 def _as_shown(
     work: _MarkingWork, source: Path, frames: Mapping[int, Image], folder: Path, lease: Lease
 ) -> Iterator[tuple[int, Image]]:
-    """The frames as people see them, one after the other: in colour, those of 16 bits as they were measured."""
+    """Yield the frames as people see them: in colour, or as they were measured if they have 16 bits."""
     if any(image.dtype == np.uint16 for image in frames.values()):
         yield from frames.items()
         return
@@ -229,9 +229,10 @@ def _as_shown(
 
 
 def _decoded(context: Context, work: _MarkingWork, source: Path, folder: Path, lease: Lease) -> dict[int, Image]:
-    """Grey frames by their index, in a file of the scratch folder; none that is damaged, or of another kind or size.
+    """Decode grey frames by their index into a file of the scratch folder.
 
-    Frames of 16 bits are marked as they were measured: what people see of them was stretched part by part.
+    Frames that are damaged, or of another kind or size, are left out. Frames of 16 bits are marked as they were
+    measured: people see them stretched part by part.
     """
     indices = sorted(work.frames)
     places = [work.frames[index] for index in indices]
@@ -253,7 +254,7 @@ def _decoded(context: Context, work: _MarkingWork, source: Path, folder: Path, l
 
 
 def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[str, Any]]:
-    """All marks and reasons, each with its vertex."""
+    """Return all marks and reasons, each with its vertex."""
     rows: list[dict[str, Any]] = []
     for number, vertices in enumerate(work.vertices):
         answers = answers_of.get(number, {})
@@ -277,7 +278,7 @@ def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[st
 def _result(
     rows: Sequence[dict[str, Any]], failure: RecordingFailure | None, offset_ms: float | None, warning: str | None
 ) -> Json:
-    """Columns of all marks and reasons, and the marks in numbers."""
+    """Return the columns of all marks and reasons, and counts of the marks."""
     sigmas = [row["sigma_u"] for row in rows if row["reason"] is None]
     return {
         "corners": len(rows),

@@ -46,7 +46,7 @@ class Motion:
     moment_ns: int = 0
 
     def applied(self, points: Floats, offset_ns: NDArray[np.int64]) -> Floats:
-        """Points (N, 3), metres, measured at moments (N,) after the sweep's stamp, in the LiDAR frame of the moment.
+        """Move points (N, 3), metres, measured ``offset_ns`` (N,) after the stamp, into the frame of the moment.
 
         Turns are taken to the second order: 1 degree within a sweep leaves less than 1e-6.
         """
@@ -58,7 +58,7 @@ class Motion:
         return points + first + 0.5 * np.cross(turn, first) + self.linear * seconds
 
     def moved(self, sweep: Sweep) -> Sweep:
-        """The sweep at the moment."""
+        """Return the sweep with its points moved to the moment."""
         xyz = self.applied(sweep.xyz.astype(np.float64), sweep.offset_ns)
         return replace(sweep, xyz=xyz.astype(np.float32))
 
@@ -68,7 +68,7 @@ class Motion:
 
     @property
     def is_moving(self) -> bool:
-        """Whether points move more within a sweep than their noise and the registration's explain."""
+        """Return whether points move more within a sweep than their own and the registration's noise explains."""
         return self.speed_m_s > _STILL_M_S or self.turn_deg_s > _STILL_DEG_S
 
     @property
@@ -86,7 +86,7 @@ STANDING: Final = Motion()
 
 
 def motion_between(first: Sweep, second: Sweep) -> Motion | None:
-    """The motion that lays two sweeps, each moved to its stamp, on one another; None where none does.
+    """Return the motion that lays two sweeps, each moved to its stamp, on one another; None if none does.
 
     Registration is small-gicp's (Koide 2024), generalized ICP (Segal, Haehnel and Thrun 2009).
     """
@@ -111,8 +111,8 @@ class DriveMotion(NamedTuple):
 
     Attributes:
         sweeps: number of the sweep of each frame.
-        motions: of it, to the frame's moment; None where it is not told: such a frame is left out.
-        is_told: for half of the frames or more; elsewhere points stay where they were measured.
+        motions: motion of that sweep to the frame's moment; None if it is unknown: the frame is left out.
+        is_told: the motions of half of the frames or more are known; otherwise points stay where they were measured.
     """
 
     sweeps: list[int]

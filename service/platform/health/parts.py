@@ -25,9 +25,9 @@ log = logging.getLogger(__name__)
 
 
 class Part:
-    """A part and what was last seen of it. ``look`` says ``ok`` and, in words for anybody, why not.
+    """A part and its last state. ``look`` returns ``ok`` and, in words for anybody, the reason if it is not.
 
-    What works is looked at again after ``fresh_s`` seconds, what does not after :data:`AGAIN_S`.
+    A part that works is checked again after ``fresh_s`` seconds, one that does not after :data:`AGAIN_S`.
     """
 
     def __init__(self, name: str, look: Callable[[], Answer], fresh_s: float = FRESH_S) -> None:
@@ -40,7 +40,7 @@ class Part:
         self._was = ""
 
     def current_look(self) -> Future[Answer]:
-        """The look that answers now: the last one while it is fresh or under way, else a new one."""
+        """Return the look that answers now: the last one while it is fresh or under way, else a new one."""
         with self._guard:
             if self._future is None or (self._future.done() and self._is_stale(self._future.result())):
                 self._future = Future()
@@ -78,7 +78,7 @@ class Part:
         future.set_result(answer | {"milliseconds": round((time.perf_counter() - began) * 1000, 1)})
 
     def _note(self, why: str) -> None:
-        """A line when it changes, not at every look."""
+        """Log the reason when it changes, not at every look."""
         if why != self._was:
             self._was = why
             log.warning("readiness: %s: %s", self.name, why or "works again")

@@ -1,4 +1,4 @@
-"""Routes of jobs: how far work is that was asked for."""
+"""Routes of jobs: state and progress of background work."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class TurnFacts:
 
     Attributes:
         decoding: its model and how it is decoded.
-        clock: how its stamps and the host's go together.
+        clock: the relation of its stamps to the host's.
         seam: azimuth at which sweeps are cut, hundredths of a degree.
         sweep_ns: duration of a turn.
         notes: sentences about what was found and assumed.
@@ -56,7 +56,7 @@ def learn_turns(sample: Sequence[Packet], options: ReadOptions, where: str) -> T
 
 
 def evened(last_ns: int, payloads: Sequence[bytes]) -> list[Packet]:
-    """Packets that came together, with a stamp for the last alone: the sensor's clock tells the others."""
+    """Return packets that came together and have one stamp, the last one's; the sensor's clock spaces the others."""
     device_us = [PACKET.unpack(data)[24] for data in payloads]
     return [
         (last_ns - (device_us[-1] - at) % HOUR_US * 1000, data) for at, data in zip(device_us, payloads, strict=True)
@@ -75,8 +75,10 @@ def _sweep_duration(azimuth: NDArray[np.int64], elapsed_ns: float, options: Read
 
 
 def _seam(azimuth: NDArray[np.int64]) -> tuple[int, str]:
-    """Where to cut: in the middle of the field that the sensor does not send, else behind it, where vehicles and
-    people stand least; but where a short recording begins, so that its first turn is whole.
+    """Return the azimuth at which sweeps are cut, and a note.
+
+    It lies in the middle of the field that the sensor does not send, else behind it, where vehicles and people stand
+    least. A short recording is cut where it begins, so that its first turn is whole.
     """
     sent = np.bincount(azimuth.reshape(-1) // (TURN // _GAP_BINS), minlength=_GAP_BINS)[:_GAP_BINS] > 0
     turned = float(np.mod(np.diff(azimuth[:, 0]), TURN).sum()) / TURN
