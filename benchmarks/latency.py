@@ -1,10 +1,9 @@
 """`python -m benchmarks.latency`: how long one person waits for one calibration, by how its runs are cut into jobs.
 
 The service with one and with two pool processes, idle, does the same requests again and again: farmed by whole runs,
-by single slots, and as `auto` decides. More processes are not measured but replayed: the jobs of the one process, each
-with its recorded duration and the mean pause between two jobs, are handed to the first free of so many processes, in
-the order in which the queue hands them out and not before what they wait for. ROUNDS: of each, 5 without. The last
-line is JSON, seconds.
+by single slots, and as `auto` decides. More processes are not measured but replayed: the jobs of the one process,
+each with its recorded duration and the mean pause between two jobs, go to the first free process, in the queue's
+order and not before what they wait for. ROUNDS: of each (5). The last line is JSON, seconds.
 """
 
 from __future__ import annotations

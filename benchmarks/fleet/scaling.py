@@ -1,10 +1,10 @@
 """How many fits a second more hosts bring, computed and simulated from what one fit costs each part of the service.
 
-Nobody here has a hundred hosts. A fit is a customer of a closed queueing network: it is planned by the API, handed out
-by the broker, read and written by the database, and fitted by a pool process, each for as long as `bench-fleet` has
-measured in processor time. The bound is that of operational analysis (Denning and Buzen 1978): so many processes do at
-most so much, and a part with all of its processors busy does no more. The simulation draws exponential times and lets
-fits wait for one another. It knows no network, no locks and no disks.
+Nobody here has a hundred hosts. A fit is a customer of a closed queueing network: it is planned by the API, handed
+out by the broker, read and written by the database, and fitted by a pool process, each for as long as `bench-fleet`
+has measured in processor time. The bound is that of operational analysis (Denning and Buzen 1978): a part whose
+processors are all busy does no more. The simulation draws exponential times and lets fits wait for one another. It
+knows no network, no locks and no disks.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ def test_each_writing_route_gives_up_a_lock_in_time(api: Api) -> None:
         else:
             names = ", ".join(f'"{name}"' for name in sorted(set(Base.metadata.tables) - IDENTITY))
             session.execute(text(f"LOCK TABLE {names} IN ACCESS EXCLUSIVE MODE"))
-        # Apart, because a call that met a lock waits for one of few threads: those that need no lock are not to wait too.
+        # Apart: a call that met a lock waits for one of few threads, and those that need no lock are not to wait too.
         answers = list(pool.map(ask, [route for route in writing if route[1] in COMPUTED | ONLY_READING]))
         answers += pool.map(ask, [route for route in writing if route[1] not in COMPUTED | ONLY_READING])
     print(f"{len(answers)} routes, the slowest in {max(one[-1] for one in answers):.2f} s")
