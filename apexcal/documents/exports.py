@@ -17,7 +17,7 @@ Link = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class FormatView(Sent):
-    """A format: the direction of its transform, and the lenses that it carries (none if it has mounts alone).
+    """A format: the direction of its transform, and the ``lenses`` that it carries (none if it has mounts alone).
 
     ``media_type`` asks for it in an Accept header. The media type of an answer also names the kind of its bytes,
     after a ``+``.

@@ -35,7 +35,7 @@ class Behind(Document):
 class BetweenModels(Document):
     """Deviations, intervals and prediction of a result with the spread between models, and the models' weights.
 
-    ``weights`` follow from held-out pairs. ``std`` are the roots of the covariance's diagonal.
+    Weights follow from held-out pairs. ``std`` are the roots of the covariance's diagonal.
     """
 
     weights: dict[str, float]
