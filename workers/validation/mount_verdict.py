@@ -109,11 +109,14 @@ def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
         return _no_verdict("Depth edges fit in several places about equally well.")
     if is_far:
         return _far_off(summits, gravest)
-    axes = _axes(summits, (turned, turned, turned), gravest)
+    # Three turns at once are believed where they lead fewer turns clearly: noise finds a place for three more easily.
+    simpler = max(summits.aimed, summits.rolled, key=lambda summit: summit.score)
+    are_all_needed = turned.lead_over(simpler) > CLEAR or not simpler.is_summit
+    axes = _axes(summits, (turned, turned, turned), gravest) if are_all_needed else []
     if all(axis.verdict in ("pass", "not_told") for axis in axes):
         # Next to a mount that may be sound each axis is told better while the others stay as they are.
         axes = _axes(summits, (summits.aimed, summits.aimed, summits.rolled), gravest)
-        is_rolled = summits.rolled.score > summits.aimed.score
+        is_rolled = simpler is summits.rolled
         if any(axis.verdict in ("look", "stop") for axis in (axes[2:] if is_rolled else axes[:2])):
             why = "It can be judged once the other turns fit."
             axes = [_not_told(axis.axis, why) if (axis.axis == "roll") != is_rolled else axis for axis in axes]

@@ -27,7 +27,8 @@ def place(
 def seen(turn_deg=(0.0, 0.0, 0.0), *, apart_deg=None, near=(), far=(), shifted=None, moved=None, **of_place):
     turned = place(turn_deg, **of_place)
     apart_deg = float(np.linalg.norm(turn_deg)) if apart_deg is None else apart_deg
-    here = place(score=1.0) if apart_deg > FAR_DEG else turned
+    # Three turns fit better than one or two.
+    here = place(score=1.0) if apart_deg > FAR_DEG else place(turn_deg, **of_place | {"score": 1.9})
     return Summits(
         frames=30, parts=900, turned=turned, shifted=shifted or place(score=1.0), moved=moved or place(score=1.0),
         aimed=here, rolled=here, near=near, far=far, apart_deg=apart_deg,
@@ -67,6 +68,18 @@ def test_a_mount_passes_only_if_pitch_yaw_and_roll_are_told_and_figures_make_the
     assert judged.verdict == "not_told" and "fits in pitch and yaw; this drive does not tell roll" in judged.sentence
     (shown,) = re.findall(r"from (\d\.\d\d) degrees", judged.axes[2].sentence)
     assert float(shown) > 0.5
+
+
+def test_three_turns_at_once_are_believed_only_where_they_fit_clearly_better_than_fewer():
+    """A published mount: three turns said +0.79 degrees of pitch, and led two of 0.15 by 0.9 deviations."""
+    noisy = seen((0.79, 0.01, 1.07), apart_deg=1.03)
+    assert judge_mount(noisy, 30).verdict == "stop"
+    at_rest = place((0.15, -0.08, 0.0), score=1.9999)
+    judged = judge_mount(noisy._replace(aimed=at_rest, rolled=at_rest), 30)
+    assert judged.verdict == "pass" and judged.axes[0].turn_deg == pytest.approx(0.15)
+    turned = place((0.79, 0.01, 0.0), score=1.9999)
+    judged = judge_mount(noisy._replace(aimed=turned, rolled=at_rest), 30)
+    assert [axis.verdict for axis in judged.axes] == ["stop", "pass", "not_told"]
 
 
 def test_one_frame_is_never_a_stop():
