@@ -32,7 +32,7 @@ from benchmarks.fleet.turns import Contender
 from benchmarks.house import House, cpu_s
 from benchmarks.vehicles import bring, draw
 from service.platform.db.calibrations import CalibrationRun
-from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.session import Database
 
 _CALIBRATION: dict[str, Any] = {"models": ["pinhole"], "folds": 0, "farm": "auto"}
@@ -128,7 +128,8 @@ def _take_turns(
 
 def _left(database: Database, request_id: UUID) -> int:
     with database.reading() as session:
-        return session.scalars(select(FleetRequest.remaining).where(FleetRequest.id == request_id)).one()
+        of_request = FleetRequestVehicle.fleet_request_id == request_id
+        return session.scalar(select(func.count()).where(of_request, FleetRequestVehicle.state == "queued")) or 0
 
 
 def _asked_for(request_id: UUID) -> ColumnElement[bool]:

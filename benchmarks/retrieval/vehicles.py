@@ -79,7 +79,7 @@ _ROWS: tuple[tuple[type[Base], str, dict[str, str]], ...] = (
         CalibrationRun, _VERSIONS + _CAMERAS,
         {"id": _N, "fleet_id": ":fleet", "calibration_id": _C, "set_id": _S, "camera": "c",
          "model": "'brown_conrady'", "fold": "-1", "farm": "'runs'", "slots": "1", "bundle": "1",
-         "problem": "'{}'::json", "state": "'done'", "iteration": "1"},
+         "fit_request": "'{}'::json", "state": "'done'", "iteration": "1"},
     ),
     (
         Result, _VERSIONS + _CAMERAS,

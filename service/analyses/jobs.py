@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from uuid import UUID
 
 from sqlalchemy import select
@@ -15,7 +15,7 @@ from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.jobs.kinds import Kind, failed_subject
+from service.platform.jobs.kinds import Kind, existing, failed_subject
 from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import recounting
 
@@ -75,15 +75,13 @@ def _take(session: Session, analysis_id: UUID, result: Json) -> None:
         row.single_pairs = None  # the pairs that the fit was made of
 
 
-def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | None) -> None:
-    row = session.get(Analysis, analysis_id)
-    if row is None:
-        return
-    row.state, row.problem = state, problem
-    if state != WorkState.DONE:
-        with recounting(session, row.recording_id, besides=row.job_id):
-            """The job's reserved bytes no longer count."""
-    tell_followers(session, row)
+def _end(session: Session, ids: Collection[UUID], state: WorkState, problem: Json | None) -> None:
+    for row in existing(session, Analysis, ids):
+        row.state, row.problem = state, problem
+        if state != WorkState.DONE:
+            with recounting(session, row.recording_id, besides=row.job_id):
+                """The job's reserved bytes no longer count."""
+        tell_followers(session, row)
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:

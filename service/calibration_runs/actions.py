@@ -1,62 +1,53 @@
-"""State transitions of runs: iterations as bundles of slots, the fan-in, the end of run and request.
+"""State transitions of runs and calibrations: iterations as bundles of slots, the fan-in, the ends.
 
-Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
-those of :mod:`service.calibration_runs.conclusion`.
+Every function here works inside the caller's transaction, and locks in the order of
+:mod:`service.platform.jobs.tree`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import datetime
+import json
+from collections import defaultdict
+from collections.abc import Collection, Sequence
 from typing import Any, Protocol
 from uuid import UUID
 
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.states import UNENDED, WorkState
-from service.calibration_runs.conclusion import end_calibration
+from apexcal.documents.states import VehicleState, WorkState
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, Result, Slot
 from service.platform.db.clock import now
+from service.platform.db.fleet_requests import FleetRequestVehicle
+from service.platform.db.jobs import Job
 from service.platform.handovers import Conclusion, RunEnd, SlotBundle
 from service.platform.jobs.bundles import cut
 from service.platform.jobs.claims import StaleInputError
-from service.platform.jobs.queue import enqueue, enqueue_all, enqueue_each
+from service.platform.jobs.queue import enqueue, enqueue_each
+from service.platform.jobs.tree import count_down, end
 
 # Built once, as those of :mod:`service.platform.jobs.claims`.
-_COUNT_DOWN = (
-    update(CalibrationRun)
-    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))
-    .values(remaining=CalibrationRun.remaining - 1, state=WorkState.RUNNING)
-    .returning(CalibrationRun.remaining)
-)
-_END_RUN = (
-    update(CalibrationRun)
-    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))
-    .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=now())
-    .returning(CalibrationRun.id)
-)
-_END_WHOLE_RUN = _END_RUN.values(search_state=bindparam("search"), iteration=bindparam("iterations"))
-_COUNT_RUN = (
-    update(Calibration)
-    .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(UNENDED))
-    .values(remaining=Calibration.remaining - 1, state=WorkState.RUNNING)
-    .returning(Calibration.remaining)
-)
-_RUNS = select(CalibrationRun.fold, CalibrationRun.state, CalibrationRun.failure).where(
-    CalibrationRun.calibration_id == bindparam("calibration")
-)
-_ENDED = select(CalibrationRun.id, CalibrationRun.finished_at).where(
-    CalibrationRun.calibration_id == bindparam("calibration"), CalibrationRun.id != bindparam("run")
+_RUNS = select(
+    *(CalibrationRun.calibration_id, CalibrationRun.fleet_id, CalibrationRun.fold),
+    *(CalibrationRun.state, CalibrationRun.problem),
+).where(CalibrationRun.calibration_id.in_(bindparam("calibrations", expanding=True)))
+_END_VEHICLES = (
+    update(FleetRequestVehicle)
+    .where(
+        FleetRequestVehicle.calibration_id.in_(bindparam("calibrations", expanding=True)),
+        FleetRequestVehicle.state == VehicleState.QUEUED,
+    )
+    .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=now())
+    .returning(FleetRequestVehicle.calibration_id, FleetRequestVehicle.fleet_request_id)
 )
 
 
 class Conclude(Protocol):
     """Stores what a worker concluded of a calibration, and the result of its last run, and ends it.
 
-    Raises :class:`StaleInputError`, with nothing written, if it was judged beside other results than are current.
+    Raises :class:`StaleInputError`, with nothing written, if it was judged beside other results than are there now.
     """
 
     def __call__(
@@ -64,17 +55,12 @@ class Conclude(Protocol):
     ) -> None: ...
 
 
-def start_runs(session: Session, runs: Sequence[CalibrationRun]) -> None:
-    """Insert the first work of runs of one fleet: the whole run as one job, or the bundles of its first iteration."""
+def start_runs(session: Session, runs: Sequence[CalibrationRun]) -> list[Job]:
+    """Queue the next work of runs of one fleet: the whole run as one job, or the bundles of its iteration."""
     work = [
         (run.id, payload) for run in runs for payload in ([{"part": "run"}] if run.farm == "runs" else _bundles(run))
     ]
-    enqueue_each(session, kind="solve", fleet_id=runs[0].fleet_id, work=work)
-
-
-def start_iteration(session: Session, run: CalibrationRun) -> None:
-    """Insert the bundles of the run's next iteration."""
-    enqueue_all(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payloads=_bundles(run))
+    return enqueue_each(session, kind="solve", fleet_id=runs[0].fleet_id, work=work)
 
 
 def _bundles(run: CalibrationRun) -> list[Json]:
@@ -87,94 +73,72 @@ def _bundles(run: CalibrationRun) -> list[Json]:
     ]
 
 
-def start_finish(session: Session, run: CalibrationRun) -> None:
-    """Insert the run's last job: polish, baselines and held-out pairs."""
-    enqueue(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payload={"part": "finish"})
-
-
-def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
-    """Take one bundle off the running iteration. The caller who takes the last one gets the run, and goes on with it.
-
-    The row stays locked until the commit, so of two that finish at the same moment the second sees the first.
-    """
-    if session.connection().execute(_COUNT_DOWN, {"run": run_id}).scalar_one_or_none() != 0:
-        return None
-    return session.get_one(CalibrationRun, run_id, populate_existing=True)
-
-
 def go_on(session: Session, run_id: UUID, bundle: SlotBundle) -> None:
     """Take a bundle off its iteration; after the last narrow the bounds about the best slots, and go on or stop."""
-    run = count_down(session, run_id)
-    if run is None:
+    if not count_down(session, CalibrationRun, [run_id]):
         return
+    run = session.get_one(CalibrationRun, run_id, populate_existing=True)
     of_iteration = select(Slot).where(Slot.run_id == run.id, Slot.iteration == run.iteration).order_by(Slot.slot)
     run.search_state, has_stopped = bundle.narrow(run.search_state, session.scalars(of_iteration).all())
     run.iteration += 1
-    session.flush()
-    if run.cancel_requested:
-        end_run(session, run, WorkState.CANCELLED)
-    elif has_stopped:
-        start_finish(session, run)
+    if has_stopped:
+        # Polish, baselines and held-out pairs.
+        enqueue(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payload={"part": "finish"})
     else:
-        start_iteration(session, run)
+        start_runs(session, [run])
 
 
-def end_run(session: Session, run: Any, state: WorkState, failure: Json | None = None) -> None:
-    """End a run once; after the calibration's last one a job concludes the calibration.
-
-    ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it.
-    """
-    ended = {"run": run.id, "ended_as": state, "because": failure}
-    if session.connection().execute(_END_RUN, ended).one_or_none() is not None and _count_run(session, run):
-        _end_runs(session, run.calibration_id)
+def end_runs(session: Session, run_ids: Collection[UUID], state: WorkState, problem: Json | None = None) -> None:
+    """End runs, each once, and what the last one of a calibration leaves."""
+    ended = end(session, CalibrationRun, run_ids, state, problem)
+    _go_on_from(session, count_down(session, Calibration, [run.shown_id for run in ended]))
 
 
-def end_solved(session: Session, end: RunEnd, conclude: Conclude) -> None:
+def end_solved(session: Session, run_end: RunEnd, conclude: Conclude) -> None:
     """End a run once with its result. The calibration's last one also ends the calibration.
 
-    Where another run ended meanwhile, or another result was published, a job concludes instead.
+    Where another run was retried meanwhile, or another result was published, a job concludes instead.
     """
-    run, statement = end.run, _END_RUN
-    ended: dict[str, Any] = {"run": run.id, "ended_as": WorkState.DONE, "because": None}
-    if end.search:
-        statement = _END_WHOLE_RUN
-        ended |= {"search": end.search[0], "iterations": end.search[1]}
-    if session.connection().execute(statement, ended).one_or_none() is None:
+    run = run_end.run
+    search = dict(zip(("search_state", "iteration"), run_end.search or (), strict=False))
+    if not end(session, CalibrationRun, [run.id], WorkState.DONE, **search):
         return
-    is_last, result = _count_run(session, run), Result(**end.result)
-    if is_last and end.conclusion and (not end.ended or _still_ended(session, run) == end.ended):
+    last, result = count_down(session, Calibration, [run.calibration_id]), Result(**run_end.result)
+    if last and run_end.conclusion:
         try:
-            conclude(session, run.calibration_id, end.conclusion, result)
+            conclude(session, run.calibration_id, run_end.conclusion, result)
             return
         except StaleInputError:
             pass
     session.add(result)
     session.flush()
-    if is_last:
-        _end_runs(session, run.calibration_id)
+    _go_on_from(session, last)
 
 
-def _count_run(session: Session, run: Any) -> bool:
-    """Take an ended run off its calibration, whose row is locked then; whether it was the last."""
-    hint(session, run.fleet_id, "calibration", run.calibration_id)
-    remaining = session.connection().execute(_COUNT_RUN, {"calibration": run.calibration_id})
-    return remaining.scalar_one_or_none() == 0
+def _go_on_from(session: Session, calibration_ids: Collection[UUID]) -> None:
+    """Have a worker judge what the runs found. Without a fit to all pairs, or cancelled, a calibration ends now."""
+    runs: defaultdict[UUID, list[Any]] = defaultdict(list)
+    if calibration_ids:
+        for run in session.connection().execute(_RUNS, {"calibrations": list(calibration_ids)}):
+            runs[run.calibration_id].append(run)
+    alike: defaultdict[tuple[WorkState, str], list[UUID]] = defaultdict(list)
+    for id, of_calibration in runs.items():
+        is_cancelled = any(run.state == WorkState.CANCELLED for run in of_calibration)
+        if not is_cancelled and any(run.fold == FULL and run.state == WorkState.DONE for run in of_calibration):
+            enqueue(session, kind="conclude", fleet_id=of_calibration[0].fleet_id, subject_id=id)
+        else:
+            problem = next((run.problem for run in of_calibration if run.problem), None)
+            alike[WorkState.CANCELLED if is_cancelled else WorkState.FAILED, json.dumps(problem)].append(id)
+    for (state, problem), ids in alike.items():
+        end_calibrations(session, ids, state, json.loads(problem))
 
 
-def _still_ended(session: Session, run: Any) -> dict[UUID, datetime]:
-    others = session.connection().execute(_ENDED, {"calibration": run.calibration_id, "run": run.id})
-    return {other.id: other.finished_at for other in others}
-
-
-def _end_runs(session: Session, calibration_id: UUID) -> None:
-    """Have a worker judge what the runs found. Without a fit to all pairs, or cancelled, the calibration ends now."""
-    # As they stand in the database, whatever this session has loaded of them.
-    calibration = session.get_one(Calibration, calibration_id, populate_existing=True)
-    runs = session.connection().execute(_RUNS, {"calibration": calibration.id}).all()
-    problem = next((run.failure for run in runs if run.failure), None)
-    if any(run.state == WorkState.CANCELLED for run in runs):
-        end_calibration(session, calibration, WorkState.CANCELLED, problem)
-    elif any(run.fold == FULL and run.state == WorkState.DONE for run in runs):
-        enqueue(session, kind="conclude", fleet_id=calibration.fleet_id, subject_id=calibration.id)
-    else:
-        end_calibration(session, calibration, WorkState.FAILED, problem)
+def end_calibrations(
+    session: Session, ids: Collection[UUID], state: WorkState, problem: Json | None, **columns: Any
+) -> None:
+    """End calibrations, each once, and the vehicles of fleet requests that wait for them."""
+    fleets = {row.shown_id: row.fleet_id for row in end(session, Calibration, ids, state, problem, **columns)}
+    ended = {"calibrations": list(fleets), "ended_as": state, "because": problem}
+    vehicles = session.connection().execute(_END_VEHICLES, ended).all() if fleets else []
+    for fleet_id, request_id in {(fleets[row.calibration_id], row.fleet_request_id) for row in vehicles}:
+        hint(session, fleet_id, "fleet_request", request_id)

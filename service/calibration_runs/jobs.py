@@ -10,20 +10,15 @@ from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.calibration_runs.actions import Conclude, end_run, end_solved, go_on, start_runs
-from service.calibration_runs.conclusion import end_calibration
+from service.calibration_runs.actions import Conclude, end_calibrations, end_runs, end_solved, go_on, start_runs
 from service.platform.broker.hints import hint
-from service.platform.db.base import Json, state_literal
+from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.jobs import Job
 from service.platform.handovers import RunEnd, SlotBundle
 from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.platform.jobs.queue import enqueue
-
-_CANCELLED_RUNS = select(CalibrationRun.id).where(
-    CalibrationRun.cancel_requested, CalibrationRun.state.in_([state_literal(state) for state in UNENDED])
-)
 
 
 def _take_part(conclude: Conclude, session: Session, run_id: UUID, part: SlotBundle | RunEnd) -> None:
@@ -40,24 +35,21 @@ def _forget_slots(session: Session, run_ids: Collection[UUID]) -> None:
     session.execute(slots.execution_options(synchronize_session=False))
 
 
-def _end_part(session: Session, run_id: UUID, state: WorkState, problem: Json | None) -> None:
+def _end_parts(session: Session, run_ids: Collection[UUID], state: WorkState, problem: Json | None) -> None:
     """A failed or cancelled job ends its run; a done one was taken."""
-    run = session.get(CalibrationRun, run_id) if state != WorkState.DONE else None
-    if run:
-        end_run(session, run, state, problem)
+    if state != WorkState.DONE:
+        end_runs(session, run_ids, state, problem)
 
 
-def _end_conclusion(session: Session, calibration_id: UUID, state: WorkState, problem: Json | None) -> None:
+def _end_conclusions(session: Session, ids: Collection[UUID], state: WorkState, problem: Json | None) -> None:
     """A conclusion that failed or was cancelled ends its calibration; a done one has ended it already."""
-    calibration = session.get(Calibration, calibration_id) if state != WorkState.DONE else None
-    if calibration and calibration.state in UNENDED:
-        end_calibration(session, calibration, state, problem)
+    if state != WorkState.DONE:
+        end_calibrations(session, ids, state, problem)
 
 
 def _retry_conclusion(session: Session, job: Job) -> Sequence[Job]:
     """The conclusion again; its runs have all ended."""
-    calibration = failed_subject(session, job, Calibration, "calibration")
-    _check_retried_alone(session, calibration.id)
+    failed_subject(session, job, Calibration, "calibration")
     _reopen(session, job.subject_id, runs=0)
     return [enqueue(session, kind="conclude", fleet_id=job.fleet_id, subject_id=job.subject_id)]
 
@@ -65,55 +57,33 @@ def _retry_conclusion(session: Session, job: Job) -> Sequence[Job]:
 def _retry_run(session: Session, job: Job) -> Sequence[Job]:
     """The whole run again, from its first iteration; its calibration waits for it."""
     run = failed_subject(session, job, CalibrationRun, "run")
-    _check_retried_alone(session, run.calibration_id)
+    _reopen(session, run.calibration_id, runs=1)
     for table in (Slot, Result):
         session.execute(delete(table).where(table.run_id == run.id))
-    run.state, run.failure, run.finished_at = WorkState.QUEUED, None, None
-    run.search_state, run.iteration, run.remaining = None, 0, 0
-    session.flush()
-    _reopen(session, run.calibration_id, runs=1)
-    before = _newest_job(session, run.id)
-    start_runs(session, [run])
+    run.reopen(WorkState.QUEUED)
+    run.search_state, run.iteration = None, 0
     hint(session, run.fleet_id, "calibration", run.calibration_id)
-    return session.scalars(select(Job).where(Job.subject_id == run.id, Job.id > before).order_by(Job.id)).all()
-
-
-def _check_retried_alone(session: Session, calibration_id: UUID) -> None:
-    if session.scalar(select(exists().where(FleetRequestVehicle.calibration_id == calibration_id))):
-        raise CannotRetryError("it belongs to a fleet request; retry the failed vehicles there")
+    return start_runs(session, [run])
 
 
 def _reopen(session: Session, calibration_id: UUID, runs: int) -> None:
     """Take back the end of a calibration that waits for ``runs`` more runs."""
-    reopened = session.execute(
-        update(Calibration)
-        .where(Calibration.id == calibration_id, Calibration.state != WorkState.CANCELLED)
-        .values(
-            remaining=Calibration.remaining + runs,
-            state=WorkState.RUNNING,
-            finished_at=None,
-            summary=None,
-            problem=None,
-        )
-        .returning(Calibration.id)
-    ).one_or_none()
-    if reopened is None:
+    calibration = session.get_one(Calibration, calibration_id, with_for_update=True, populate_existing=True)
+    if calibration.state == WorkState.CANCELLED:
         raise CannotRetryError("its calibration was cancelled; ask for a new one")
-    session.execute(update(Result).where(Result.calibration_id == calibration_id).values(checks=None, verdict=None))
     # The calibration is locked now, so none begins meanwhile: it would end the calibration without this run.
-    conclusion = exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED))
-    if session.scalar(select(conclusion)):
+    if session.scalar(select(exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED)))):
         raise CannotRetryError("its calibration is being concluded; wait for that")
-
-
-def _newest_job(session: Session, subject_id: UUID) -> int:
-    return session.scalar(select(Job.id).where(Job.subject_id == subject_id).order_by(Job.id.desc()).limit(1)) or 0
+    if session.scalar(select(exists().where(FleetRequestVehicle.calibration_id == calibration_id))):
+        raise CannotRetryError("it belongs to a fleet request; retry the failed vehicles there")
+    calibration.reopen(WorkState.RUNNING, calibration.remaining + runs)
+    calibration.summary, calibration.reopened = None, calibration.reopened + 1
+    session.execute(update(Result).where(Result.calibration_id == calibration_id).values(checks=None, verdict=None))
 
 
 def kinds(conclude: Conclude) -> tuple[Kind, ...]:
     """Return the kinds of parts of runs and of conclusions. ``conclude`` stores what one says, and publishes."""
-    take = partial(_take_part, conclude)
     return (
-        Kind("solve", "solve", _end_part, _retry_run, None, _CANCELLED_RUNS, take=take, forget=_forget_slots),
-        Kind("conclude", "report", _end_conclusion, _retry_conclusion, take=conclude),
+        Kind("solve", "solve", _end_parts, _retry_run, take=partial(_take_part, conclude), forget=_forget_slots),
+        Kind("conclude", "report", _end_conclusions, _retry_conclusion, take=conclude),
     )

@@ -6,24 +6,16 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Select, func, select, update
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.states import UNENDED, WorkState
+from apexcal.documents.states import UNENDED
 from service.calibration_runs.actions import start_runs
 from service.calibrations.plan import CalibrationPlan, FitPlan
 from service.platform.db.base import state_literal
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun
-from service.platform.db.fleets import Rig
 from service.platform.jobs.bundles import choose_farming
 from service.platform.jobs.queue import cancel, live_processes
-
-
-def create(
-    session: Session, rig: Rig, plan: CalibrationPlan, farm: str, publish: str, person_id: UUID
-) -> Calibration:
-    """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
-    return create_all(session, [(rig, plan)], farm, publish, person_id, plan.runs)[0]
 
 
 def waiting_runs(session: Session, enough: int) -> int:
@@ -32,26 +24,27 @@ def waiting_runs(session: Session, enough: int) -> int:
     return session.scalar(select(func.count()).select_from(unended.limit(enough).subquery())) or 0
 
 
-def create_all(
+def create(
     session: Session,
-    plans: Sequence[tuple[Rig, CalibrationPlan]],
+    plans: Sequence[CalibrationPlan],
     farm: str,
     publish: str,
     person_id: UUID | None,
     coming: int,
 ) -> list[Calibration]:
-    """Insert many calibrations of one fleet as :func:`create` does, in as few statements as one takes.
+    """Insert calibrations of one fleet with all their runs and their first jobs, in as few statements as one takes.
 
+    Fits to all pairs are worked on first.
     ``coming``: how many runs there will be to be worked on beside those that wait already.
     """
     workers = live_processes(session, "solve")
     waiting = waiting_runs(session, workers) + coming
-    calibrations = [_calibration(rig, plan, publish, person_id) for rig, plan in plans]
+    calibrations = [_calibration(plan, publish, person_id) for plan in plans]
     session.add_all(calibrations)
     session.flush()
     runs = [
         _run(calibration, fit, fold, farm, waiting, workers)
-        for calibration, (_, plan) in zip(calibrations, plans, strict=True)
+        for calibration, plan in zip(calibrations, plans, strict=True)
         for fit, fold in sorted(_runs(plan), key=lambda run: run[1])
     ]
     session.add_all(runs)
@@ -61,13 +54,11 @@ def create_all(
 
 
 def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
-    """Cancel what has not ended of these calibrations. Jobs before runs: the order in which everybody locks them."""
+    """Cancel what has not ended of these calibrations: parts of their runs, and their conclusions."""
     runs = select(CalibrationRun.id).where(
         CalibrationRun.calibration_id.in_(calibrations), CalibrationRun.state.in_(UNENDED)
     )
-    cancel(session, runs)
-    cancel(session, calibrations)  # their conclusion
-    session.execute(update(CalibrationRun).where(CalibrationRun.id.in_(runs)).values(cancel_requested=True))
+    cancel(session, runs.union_all(calibrations))
 
 
 def _runs(plan: CalibrationPlan) -> Iterator[tuple[FitPlan, int]]:
@@ -75,14 +66,14 @@ def _runs(plan: CalibrationPlan) -> Iterator[tuple[FitPlan, int]]:
         yield from ((fit, fold) for fold in range(FULL, fit.request.folds))
 
 
-def _calibration(rig: Rig, plan: CalibrationPlan, publish: str, person_id: UUID | None) -> Calibration:
+def _calibration(plan: CalibrationPlan, publish: str, person_id: UUID | None) -> Calibration:
+    pairs = plan.fits[0].camera.pairs
     return Calibration(
-        fleet_id=rig.fleet_id,
-        vehicle_id=rig.vehicle_id,
-        rig_id=rig.id,
+        fleet_id=pairs.fleet_id,
+        vehicle_id=pairs.vehicle_id,
+        rig_id=pairs.rig_id,
         request=plan.request,
         content_hash=plan.content_hash,
-        state=WorkState.QUEUED,
         remaining=plan.runs,
         publish=publish,
         notes=plan.notes,
@@ -104,5 +95,4 @@ def _run(calibration: Calibration, fit: FitPlan, fold: int, farm: str, waiting: 
         slots=slots,
         bundle=farming.bundle,
         fit_request=fit.of_fold(fold),
-        state=WorkState.QUEUED,
     )

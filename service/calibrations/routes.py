@@ -53,27 +53,20 @@ def ask_calibration(
     """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
     # Planned before anything is locked: 100,000 pairs take a second.
     try:
-        _, sources = _sources(reader, vehicle_id, body.correspondence_set_ids)
+        sources = _sources(reader, vehicle_id, body.correspondence_set_ids)
         plan = plan_request(body, with_recorded_lenses(reader.session, body, sources))
     except (DocumentError, Problem):
         _ = access.session  # which raises the answer that this request got before
         raise
     reader.session.close()
-    rig, _ = _sources(access, vehicle_id, body.correspondence_set_ids)
-    calibration = create(
-        access.session,
-        rig,
-        plan,
-        farm=body.farm,
-        publish=body.publish,
-        person_id=access.person.id,
-    )
+    _sources(access, vehicle_id, body.correspondence_set_ids)
+    (calibration,) = create(access.session, [plan], body.farm, body.publish, access.person.id, coming=plan.runs)
     hint(access.session, calibration.fleet_id, "calibration", calibration.id)
     return access.answer(calibration_views(access.session, [calibration])[0], 202)
 
 
-def _sources(access: Access, vehicle_id: UUID, set_ids: list[UUID]) -> tuple[Rig, list[CameraPairs]]:
-    """The cameras of the sets, in the order of their names, and the one rig that they belong to."""
+def _sources(access: Access, vehicle_id: UUID, set_ids: list[UUID]) -> list[CameraPairs]:
+    """The cameras of the sets, all of one rig, in the order of their names."""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     sets = [access.find(CorrespondenceSet, set_id, "engineer") for set_id in set_ids]
     for pair_set in sets:
@@ -99,7 +92,7 @@ def _sources(access: Access, vehicle_id: UUID, set_ids: list[UUID]) -> tuple[Rig
         )
     rig = access.find(Rig, sets[0].rig_id, "engineer")
     sources = [CameraPairs(rig_camera(access.session, rig, pair_set.camera), pair_set) for pair_set in sets]
-    return rig, sorted(sources, key=lambda source: source.camera.name)
+    return sorted(sources, key=lambda source: source.camera.name)
 
 
 @router.get("/vehicles/{vehicle_id}/calibrations")

@@ -60,7 +60,9 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
     return CalibrationView.of(
         row,
         progress=_progress(row, runs),
-        runs=[RunView.of(run, best_loss=(run.search_state or {}).get("best_loss")) for run in runs],
+        runs=[
+            RunView.of(run, best_loss=(run.search_state or {}).get("best_loss"), failure=run.problem) for run in runs
+        ],
         summary=row.summary if with_pairs else _without_vertices(row.summary),
     )
 

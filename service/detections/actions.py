@@ -14,7 +14,6 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.detections import DetectionRequest
 from apexcal.documents.detectors import resolve_options
-from apexcal.documents.states import WorkState
 from service.detections.corner_vertices import make_corners, named
 from service.detections.jobs import AT_ONCE, queue_corners
 from service.platform.db.annotations import MarkingFrontier, MarkingProgress
@@ -49,9 +48,6 @@ def new_detection(
         lidar_id=lidar.id,
         **content,
         content_hash=content_hash({"recording": recording.sha256 or recording.id.hex, **content}),
-        state=WorkState.QUEUED,
-        remaining=1,
-        counts={},
         created_by=person_id,
     )
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from uuid import UUID
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.states import UNENDED, WorkState
+from apexcal.documents.states import WorkState
 from service.detections.corner_vertices import make_corners
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json
-from service.platform.db.clock import now
 from service.platform.db.detections import Detection, Vertex
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.jobs.bundles import cut, shards
-from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
+from service.platform.jobs.kinds import CannotRetryError, Kind, existing, failed_subject
 from service.platform.jobs.queue import enqueue_all, live_processes
+from service.platform.jobs.tree import count_down, end
 
 AT_ONCE = 250
 """Tips whose corners one transaction makes. With three corners and two cameras these are 3000 rows: about half a
@@ -29,11 +29,13 @@ def queue_detection(session: Session, row: Detection) -> list[Job]:
     """Queue a detection's shards, which are together all sweeps of its recording."""
     lidar = select(Sensor.count).where(Sensor.id == row.lidar_id)
     parts = shards(max(session.scalar(lidar) or 0, 1), live_processes(session, "detect"))
-    row.remaining = len(parts)
-    payloads = [{"first": part.start, "stop": part.stop} for part in parts]
-    jobs = enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
+    return _queue_shards(session, row, [{"first": part.start, "stop": part.stop} for part in parts])
+
+
+def _queue_shards(session: Session, row: Detection, payloads: Sequence[Json]) -> list[Job]:
+    row.remaining = len(payloads)
     hint(session, row.fleet_id, "detection", row.id)
-    return jobs
+    return enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
 
 
 def queue_corners(session: Session, row: Detection) -> list[Job]:
@@ -44,11 +46,10 @@ def queue_corners(session: Session, row: Detection) -> list[Job]:
     return enqueue_all(session, kind="corners", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
 
 
-def _end_corners(session: Session, detection_id: UUID, state: WorkState, problem: Json | None) -> None:
-    """The detection stays done, whatever became of its corners; its page counts them anew."""
-    fleet_id = session.scalar(select(Detection.fleet_id).where(Detection.id == detection_id))
-    if fleet_id is not None:
-        hint(session, fleet_id, "detection", detection_id)
+def _end_corners(session: Session, ids: Collection[UUID], state: WorkState, problem: Json | None) -> None:
+    """The detections stay done, whatever became of their corners; their pages count them anew."""
+    for row in existing(session, Detection, ids):
+        hint(session, row.fleet_id, "detection", row.id)
 
 
 def _take_corners(session: Session, detection_id: UUID, ranks: range) -> None:
@@ -67,38 +68,21 @@ def _retry_corners(session: Session, job: Job) -> Sequence[Job]:
     return queue_corners(session, row)
 
 
-def _end(session: Session, detection_id: UUID, state: WorkState, problem: Json | None) -> None:
-    """Count one shard down; the last one ends the run, a failed or cancelled one ends it at once."""
-    counted = session.execute(
-        update(Detection)
-        .where(Detection.id == detection_id)
-        .values(remaining=Detection.remaining - 1)
-        .returning(Detection.remaining, Detection.fleet_id)
-    ).one_or_none()
-    if counted is None or (state == WorkState.DONE and counted.remaining > 0):
-        return
-    session.execute(
-        update(Detection)
-        .where(Detection.id == detection_id, Detection.state.in_(UNENDED))
-        .values(state=state, problem=problem, finished_at=now())
-    )
-    hint(session, counted.fleet_id, "detection", detection_id)
+def _end(session: Session, ids: Collection[UUID], state: WorkState, problem: Json | None) -> None:
+    """The last shard ends its detection; a failed or cancelled one ends it at once."""
+    last = count_down(session, Detection, ids) if state == WorkState.DONE else ids
+    end(session, Detection, last, state, problem)
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
     """All shards again: a failed one ended the run, and what the others found later was dropped."""
     row = failed_subject(session, job, Detection, "detection")
-    shards_before = {
-        payload.get("first", 0): payload
-        for payload in session.scalars(select(Job.payload).where(Job.subject_id == row.id, Job.kind == "detect"))
-    }
+    before = session.scalars(select(Job.payload).where(Job.subject_id == row.id, Job.kind == "detect"))
+    shards_before = {payload.get("first", 0): payload for payload in before}
     session.execute(delete(Vertex).where(Vertex.detection_id == row.id))
-    row.state, row.problem, row.finished_at = WorkState.QUEUED, None, None
-    row.remaining, row.counts = len(shards_before), {}
-    session.flush()
-    hint(session, row.fleet_id, "detection", row.id)
-    payloads = [shards_before[first] for first in sorted(shards_before)]
-    return enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
+    row.reopen(WorkState.QUEUED)
+    row.counts = {}
+    return _queue_shards(session, row, [shards_before[first] for first in sorted(shards_before)])
 
 
 def kinds(take: Callable[[Session, UUID, Detection], object]) -> tuple[Kind, ...]:

@@ -22,7 +22,7 @@ from apexcal.documents.detections import (
 from service.detections.actions import ask_corners, new_detection
 from service.detections.jobs import queue_detection
 from service.detections.queries import done_detection, vertices_of
-from service.detections.views import SUMMARY, detection_view, vertex_views
+from service.detections.views import SUMMARY, detection_views, vertex_views
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.detections import Detection, Vertex
@@ -31,7 +31,6 @@ from service.platform.db.recordings import Recording
 from service.platform.http.pages import LongPaging, Page, Paging, compressed, fetch
 from service.platform.http.problems import not_found
 from service.platform.http.router import DOCUMENT, Router
-from service.platform.job_status.views import jobs_of
 from service.platform.jobs.queue import cancel
 from service.recordings.actions import delete_detection
 from service.recordings.queries import find_camera, lidar_of, ready_recording
@@ -53,8 +52,8 @@ def ask_detection(recording_id: UUID, body: DetectionRequest, access: WriteAcces
     detection = new_detection(recording, lidar, rig, body, access.person.id)
     access.session.add(detection)
     access.session.flush()
-    jobs = queue_detection(access.session, detection)
-    return access.answer(detection_view(detection, jobs[0]), 202)
+    queue_detection(access.session, detection)
+    return access.answer(detection_views(access.session, [detection])[0], 202)
 
 
 @router.get("/recordings/{recording_id}/detections")
@@ -63,15 +62,14 @@ def list_detections(recording_id: UUID, access: ReadAccess, window: Paging) -> P
     recording = access.find(Recording, recording_id)
     statement = select(Detection).where(Detection.recording_id == recording.id)
     rows, following = fetch(access.session, statement, Detection.id, window, newest_first=True)
-    jobs = jobs_of(access.session, [row.id for row in rows])
-    return Page(items=[detection_view(row, jobs.get(row.id)) for row in rows], next=following)
+    return Page(items=detection_views(access.session, rows), next=following)
 
 
 @router.get("/detections/{detection_id}")
 def read_detection(detection_id: UUID, access: ReadAccess) -> DetectionView:
     """A detection: its state, and when it is done what it counted."""
     detection = access.find(Detection, detection_id)
-    return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+    return detection_views(access.session, [detection])[0]
 
 
 @router.patch("/detections/{detection_id}")
@@ -80,7 +78,7 @@ def edit_detection(detection_id: UUID, body: DetectionEdit, access: WriteAccess)
     detection = done_detection(access, detection_id, "engineer")
     ask_corners(access.session, detection, body.marked_corners)
     hint(access.session, detection.fleet_id, "detection", detection.id)
-    return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+    return detection_views(access.session, [detection])[0]
 
 
 @router.post("/detections/{detection_id}/cancel", status_code=202)
@@ -89,7 +87,7 @@ def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
     detection = access.find(Detection, detection_id, "engineer")
     cancel(access.session, [detection.id])
     hint(access.session, detection.fleet_id, "detection", detection.id)
-    return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+    return detection_views(access.session, [detection])[0]
 
 
 @router.delete("/detections/{detection_id}", status_code=204)

@@ -12,24 +12,27 @@ from apexcal.documents.base import stored
 from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexSummary, VertexView
 from apexcal.documents.detectors import sentences_of
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
-from service.platform.db.jobs import Job
 from service.platform.db.recordings import Sensor
-from service.platform.job_status.views import job_view
+from service.platform.job_status.views import job_view, jobs_of
 
 # What the list of vertices reads: covariances and corners are large.
 SUMMARY = tuple(getattr(Vertex, name) for name in VertexSummary.model_fields)
 
 
-def detection_view(row: Detection, job: Job | None) -> DetectionView:
-    """A detection with its job."""
-    return DetectionView.of(
-        row,
-        job=job_view(job) if job else None,
-        marked_corners=marked_corners(row),
-        reasons=sentences_of(
-            row.detector, row.counts.get("rejected", {}), row.counts.get("examples", {}), row.options
-        ),
-    )
+def detection_views(session: Session, rows: Sequence[Detection]) -> list[DetectionView]:
+    """Detections with their jobs."""
+    jobs = jobs_of(session, [row.id for row in rows])
+    return [
+        DetectionView.of(
+            row,
+            job=job_view(jobs[row.id]) if row.id in jobs else None,
+            marked_corners=marked_corners(row),
+            reasons=sentences_of(
+                row.detector, row.counts.get("rejected", {}), row.counts.get("examples", {}), row.options
+            ),
+        )
+        for row in rows
+    ]
 
 
 def vertex_views(

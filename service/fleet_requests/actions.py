@@ -8,19 +8,19 @@ from functools import partial
 from math import ceil
 from uuid import UUID
 
-from sqlalchemy import insert, select, update
+from sqlalchemy import func, insert, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView, SkipReason
-from apexcal.documents.states import RequestState, VehicleState
-from service.calibration_runs.conclusion import count_ended
-from service.calibrations.actions import ask_to_end, create_all
+from apexcal.documents.states import VehicleState
+from service.calibrations.actions import ask_to_end, create
 from service.fleet_requests.plan import VehiclePlan, check_template, check_total, plan_vehicles, too_large
 from service.fleet_requests.vehicle_queries import Chosen, choose, with_newest_sets
+from service.platform.broker.hints import hint
 from service.platform.db.base import Json, new_id, state_literal
-from service.platform.db.clock import now, utc_now
+from service.platform.db.clock import moment, now, utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Vehicle
 from service.platform.db.rounds import one_by_one
@@ -56,17 +56,12 @@ def ask(session: Session, fleet: Fleet, body: FleetRequestBody, person_id: UUID)
             "vehicles": filter_ | {"named": None if named is None else len(set(named))},
             "calibration": body.calibration.model_dump(mode="json"),
         },
-        state=RequestState.RUNNING,
-        matched=len(chosen),
-        remaining=len(chosen),
-        wave=len(chosen),
         request_id=request_ids.current(),
         created_by=person_id,
     )
     session.add(row)
     session.flush()
     if not chosen:
-        row.state, row.finished_at = RequestState.DONE, utc_now()
         return row
     # Ids sort by time, but not within a millisecond.
     ids = sorted(new_id() for _ in chosen)
@@ -84,12 +79,11 @@ def make_parts(database: Database) -> None:
 
     A request that fails waits for the next round.
     """
-    due = select(FleetRequestVehicle.id).where(_IS_DUE, FleetRequestVehicle.fleet_request_id == FleetRequest.id)
-    waits = select(FleetRequest.id).where(FleetRequest.state == state_literal(RequestState.RUNNING), due.exists())
+    of = FleetRequestVehicle.fleet_request_id
     failed: set[UUID] = set()
     while True:
         with database.reading() as session:
-            requests = session.scalars(waits.where(FleetRequest.id.not_in(failed)).order_by(FleetRequest.id)).all()
+            requests = session.scalars(select(of).where(_IS_DUE, of.not_in(failed)).distinct().order_by(of)).all()
         if not requests:
             return
         one_by_one("fleet request", requests, partial(_make_part, database), failed)
@@ -103,40 +97,39 @@ def _make_part(database: Database, request_id: UUID) -> None:
         row = session.get_one(FleetRequest, request_id)
         with request_ids.working_for(row.request_id):
             _insert_part(session, row, planned)
+        hint(session, row.fleet_id, "fleet_request", row.id)
 
 
 def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunView:
     """The prediction of :func:`ask`, which makes nothing. Raises as it does."""
     chosen = _choose(session, fleet.id, body)
-    skipped: list[SkippedView] = []
-    problems: list[tuple[str, Json]] = []
+    skipped: list[VehiclePlan] = []
     runs, seconds = 0, 0.0
     for planned in plan_vehicles(session, body.calibration, chosen):
-        plans = [vehicle.plan for vehicle in planned if vehicle.plan]
-        runs += sum(plan.runs for plan in plans)
-        seconds += sum(plan.predicted_s for plan in plans)
-        problems += [(plan.vehicle.name, plan.problem) for plan in planned if plan.problem is not None]
-        skipped += [
-            SkippedView(vehicle_id=plan.vehicle.id, vehicle=plan.vehicle.name, problem=stored(plan.problem))
-            for plan in planned
-            if plan.problem is not None
-        ]
+        if planned.plan is None:
+            skipped.append(planned)
+        else:
+            runs, seconds = runs + planned.plan.runs, seconds + planned.plan.predicted_s
     return DryRunView(
         matched=len(chosen),
         calibrations=len(chosen) - len(skipped),
         runs=runs,
         processor_seconds=ceil(seconds),
         skipped=len(skipped),
-        reasons=_reasons(problems),
-        skipped_vehicles=skipped[:_SHOWN],
+        reasons=_reasons(skipped),
+        skipped_vehicles=[
+            SkippedView(vehicle_id=each.vehicle.id, vehicle=each.vehicle.name, problem=stored(each.problem))
+            for each in skipped[:_SHOWN]
+        ],
     )
 
 
-def _reasons(problems: Sequence[tuple[str, Json]]) -> list[SkipReason]:
+def _reasons(skipped: Sequence[VehiclePlan]) -> list[SkipReason]:
     """Why vehicles are skipped, what most share first, each with the first of them."""
     vehicles: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
-    for vehicle, problem in problems:
-        vehicles[problem.get("detail") or problem["code"], problem.get("hint") or ""].append(vehicle)
+    for each in skipped:
+        problem = each.problem or {}
+        vehicles[problem.get("detail") or problem["code"], problem.get("hint") or ""].append(each.vehicle.name)
     return [
         SkipReason(detail=detail, hint=hint, count=len(names), examples=names[:_EXAMPLES])
         for (detail, hint), names in sorted(vehicles.items(), key=lambda item: -len(item[1]))[:_SHOWN]
@@ -144,29 +137,14 @@ def _reasons(problems: Sequence[tuple[str, Json]]) -> list[SkipReason]:
 
 
 def ask_all_to_end(session: Session, row: FleetRequest) -> None:
-    """Cancel every vehicle that has not ended. Its calibrations before the request: the order of all locks."""
-    vehicles = FleetRequestVehicle
-    # A retry holds the failed ones, a part its own: wait for them, so that what they began is seen below.
-    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state.in_(_REPEATED))
-    session.execute(failed.with_for_update(read=True, key_share=True)).all()
-    dropped = session.execute(
-        update(vehicles)
-        .where(vehicles.fleet_request_id == row.id, _IS_DUE)
-        .values(state=VehicleState.CANCELLED, finished_at=now())
-        .returning(vehicles.id)
-    ).all()
-    unended = select(vehicles.calibration_id).where(
-        vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.QUEUED
-    )
-    ask_to_end(session, unended)
-    session.execute(
-        update(FleetRequest)
-        .where(FleetRequest.id == row.id, FleetRequest.remaining > 0)
-        .values(cancel_requested=True)
-    )
-    if dropped:
-        count_ended(session, row.id, {VehicleState.CANCELLED: len(dropped)})
-    session.refresh(row)
+    """Cancel every vehicle that has not ended."""
+    _hold(session, row)
+    unended = (FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == VehicleState.QUEUED)
+    row.cancel_requested |= session.scalar(select(FleetRequestVehicle.id).where(*unended).limit(1)) is not None
+    # Those of a part that is being made are waited for: they have calibrations then.
+    due = update(FleetRequestVehicle).where(*unended, _IS_DUE)
+    session.execute(due.values(state=VehicleState.CANCELLED, finished_at=now()))
+    ask_to_end(session, select(FleetRequestVehicle.calibration_id).where(*unended))
 
 
 def retry_failed(session: Session, row: FleetRequest) -> None:
@@ -174,23 +152,21 @@ def retry_failed(session: Session, row: FleetRequest) -> None:
 
     A vehicle that has no fitting pairs any more becomes a skipped one.
     """
-    # Locked, so that of two retries at the same moment the second finds nothing failed.
+    _hold(session, row)
     failed = session.execute(
         update(FleetRequestVehicle)
         .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state.in_(_REPEATED))
         .values(state=VehicleState.QUEUED, calibration_id=None, problem=None, finished_at=None)
         .returning(FleetRequestVehicle.id)
     ).all()
-    if not failed:
-        return
-    session.refresh(row, with_for_update=True)
-    # No vehicle is left in either state.
-    row.failed = row.cancelled = 0
-    row.remaining += len(failed)
-    row.wave, row.started_at = row.remaining, utc_now()
-    row.state, row.finished_at, row.cancel_requested = RequestState.RUNNING, None, False
-    session.flush()
-    _insert_part(session, row, _plan_part(session, row))
+    if failed:
+        row.started_at, row.cancel_requested = moment(session), False
+        _insert_part(session, row, _plan_part(session, row))
+
+
+def _hold(session: Session, row: FleetRequest) -> None:
+    """Let nobody else cancel or retry the request until the commit."""
+    session.refresh(row, with_for_update={"key_share": True})
 
 
 def _plan_part(session: Session, row: FleetRequest) -> list[VehiclePlan]:
@@ -205,7 +181,7 @@ def _plan_part(session: Session, row: FleetRequest) -> list[VehiclePlan]:
     names = dict(iter(session.execute(due)))
     template = CalibrationTemplate.model_validate(row.asked["calibration"])
     chosen = with_newest_sets(session, row.fleet_id, names, row.asked["vehicles"]["rig"])
-    return [plan for planned in plan_vehicles(session, template, chosen) for plan in planned]
+    return [*plan_vehicles(session, template, chosen)]
 
 
 def _insert_part(session: Session, row: FleetRequest, planned: Sequence[VehiclePlan]) -> None:
@@ -216,18 +192,17 @@ def _insert_part(session: Session, row: FleetRequest, planned: Sequence[VehicleP
     )
     vehicles = session.scalars(due.order_by(FleetRequestVehicle.id).with_for_update()).all()
     template = CalibrationTemplate.model_validate(row.asked["calibration"])
-    calibrations = _calibrate(session, [plans[vehicle.vehicle_id] for vehicle in vehicles], template, row)
-    skipped = 0
+    of_request = select(func.count()).where(FleetRequestVehicle.fleet_request_id == row.id, _IS_DUE)
+    coming = session.scalar(of_request) or 0
+    made = [plan for vehicle in vehicles if (plan := plans[vehicle.vehicle_id].plan) is not None]
+    calibrations = create(session, made, template.farm, template.publish, row.created_by, coming) if made else []
+    of_vehicle = {calibration.vehicle_id: calibration.id for calibration in calibrations}
     for vehicle in vehicles:
-        vehicle.calibration_id = calibrations.get(vehicle.vehicle_id)
+        vehicle.calibration_id = of_vehicle.get(vehicle.vehicle_id)
         if vehicle.calibration_id is None:
             vehicle.state, vehicle.problem = VehicleState.SKIPPED, plans[vehicle.vehicle_id].problem
             vehicle.finished_at = utc_now()
-            skipped += 1
     session.flush()
-    if skipped:
-        count_ended(session, row.id, {VehicleState.SKIPPED: skipped})
-    session.refresh(row)
 
 
 def _choose(session: Session, fleet_id: UUID, body: FleetRequestBody) -> list[Chosen]:
@@ -238,16 +213,3 @@ def _choose(session: Session, fleet_id: UUID, body: FleetRequestBody) -> list[Ch
         raise too_large(f"{len(chosen)} vehicles", f"{_MOST_VEHICLES} vehicles")
     check_total(session, body.calibration, chosen)
     return chosen
-
-
-def _calibrate(
-    session: Session, planned: Sequence[VehiclePlan], template: CalibrationTemplate, row: FleetRequest
-) -> dict[UUID, UUID]:
-    """Insert these vehicles' calibrations; their ids by vehicle."""
-    plans = [
-        (vehicle.rig, vehicle.plan) for vehicle in planned if vehicle.rig is not None and vehicle.plan is not None
-    ]
-    if not plans:
-        return {}
-    calibrations = create_all(session, plans, template.farm, template.publish, row.created_by, row.remaining)
-    return {calibration.vehicle_id: calibration.id for calibration in calibrations}

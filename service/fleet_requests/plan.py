@@ -33,10 +33,9 @@ _CHUNK = 50
 
 @dataclass(frozen=True)
 class VehiclePlan:
-    """A vehicle with its rig and plan, or with the problem for which it is skipped."""
+    """A vehicle with its plan, or with the problem for which it is skipped."""
 
     vehicle: Chosen
-    rig: Rig | None = None
     plan: CalibrationPlan | None = None
     problem: Json | None = None
 
@@ -79,15 +78,13 @@ def too_large(what: str, most: str) -> Problem:
     )
 
 
-def plan_vehicles(
-    session: Session, template: CalibrationTemplate, chosen: list[Chosen]
-) -> Iterator[list[VehiclePlan]]:
-    """The plans of vehicles of a template that :func:`check_template` lets pass, some at a time."""
+def plan_vehicles(session: Session, template: CalibrationTemplate, chosen: list[Chosen]) -> Iterator[VehiclePlan]:
+    """The plans of vehicles of a template that :func:`check_template` lets pass; their pairs are read some at a time."""
     content = template.model_dump()
     for chunk in in_chunks(chosen, _CHUNK):
         sets = _sets(session, chunk)
         rigs = _rigs(session, {pair_set.rig_id for pair_set in sets.values()})
-        yield [_plan(session, template, content, vehicle, sets, rigs) for vehicle in chunk]
+        yield from [_plan(session, template, content, vehicle, sets, rigs) for vehicle in chunk]
 
 
 def _sets(session: Session, chunk: Sequence[Chosen]) -> dict[UUID, CorrespondenceSet]:
@@ -119,7 +116,7 @@ def _plan(
     try:
         ids = [of.pairs.id for of in sources]
         alone = CalibrationRequest.model_validate({**content, "correspondence_set_ids": ids})
-        return VehiclePlan(vehicle, rig, plan_request(alone, with_recorded_lenses(session, template, sources)))
+        return VehiclePlan(vehicle, plan_request(alone, with_recorded_lenses(session, template, sources)))
     except Problem as problem:
         # The template itself was checked before, so this is about the vehicle's own pairs.
         return VehiclePlan(vehicle, problem=problem.document())

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, Select, func, or_, select
+from sqlalchemy import ColumnElement, Select, case, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.calibrations import ProgressView
 from apexcal.documents.checks import doubts_of, verdict_of
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
 from apexcal.documents.publications import CURRENT
-from apexcal.documents.states import VehicleState, WorkState
+from apexcal.documents.states import RequestState, VehicleState, WorkState
 from apexcal.documents.summaries import CameraSummary, Summary
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result
@@ -58,13 +58,43 @@ def in_state(statement: Select[*tuple[Any, ...]], state: VehicleState) -> Select
 
 def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetRequestView]:
     """Fleet requests with their counts, and the names of who asked."""
-    running = _running(session, [row.id for row in rows if row.remaining])
+    counts = _counts(session, [row.id for row in rows])
     names = _names(session, {row.created_by for row in rows if row.created_by})
-    publishing = [row.id for row in rows if not row.remaining and _asked_to_publish(row)]
+    publishing = [row.id for row in rows if not counts[row.id].remaining and _asked_to_publish(row)]
     published = dict.fromkeys(publishing, 0) | _published(session, publishing)
-    return [
-        _request_view(row, running.get(row.id, 0), published.get(row.id), names.get(row.created_by)) for row in rows
-    ]
+    return [_request_view(row, counts[row.id], published.get(row.id), names.get(row.created_by)) for row in rows]
+
+
+def _counts(session: Session, ids: Sequence[UUID]) -> dict[UUID, Any]:
+    """How many vehicles of each request are in which state, by one look at each, and when the last one ended."""
+    vehicle = FleetRequestVehicle
+    each = (
+        select(FleetRequest.id, vehicle.id.label("vehicle"), vehicle.finished_at)
+        .add_columns(case((is_running(), VehicleState.RUNNING), else_=vehicle.state).label("state"))
+        .add_columns((vehicle.finished_at >= FleetRequest.started_at).label("is_of_wave"))
+        .select_from(FleetRequest)
+        .outerjoin(vehicle, vehicle.fleet_request_id == FleetRequest.id)
+        .where(FleetRequest.id.in_(ids))
+        .subquery()
+    )
+    state, count = each.c.state, func.count(each.c.vehicle)
+    statement = select(
+        *(each.c.id, count.label("matched"), func.max(each.c.finished_at).label("ended_at")),
+        *(count.filter(state == name).label(name) for name in VehicleState),
+        count.filter(state.in_((VehicleState.QUEUED, VehicleState.RUNNING))).label("remaining"),
+        # Of those that were put to work last.
+        count.filter(state != VehicleState.SKIPPED, each.c.is_of_wave).label("ended"),
+    ).group_by(each.c.id)
+    return {row.id: row for row in session.execute(statement)}
+
+
+def _state(row: FleetRequest, counts: Any) -> RequestState:
+    """A cancelled request that has nothing cancelled is one whose vehicles were all done before the cancel."""
+    if counts.remaining:
+        return RequestState.RUNNING
+    if row.cancel_requested and counts.cancelled:
+        return RequestState.CANCELLED
+    return RequestState.DONE_WITH_FAILURES if counts.failed + counts.cancelled else RequestState.DONE
 
 
 def _asked_to_publish(row: FleetRequest) -> bool:
@@ -85,45 +115,37 @@ def _published(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
     return {row[0]: row[1] for row in session.execute(statement)} if ids else {}
 
 
-def _running(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
-    if not ids:
-        return {}
-    of = FleetRequestVehicle.fleet_request_id
-    rows = session.execute(select(of, func.count()).where(of.in_(ids), is_running()).group_by(of))
-    return {row[0]: row[1] for row in rows}
-
-
 def _names(session: Session, ids: set[UUID]) -> dict[UUID | None, str]:
     rows = session.execute(select(Person.id, Person.name).where(Person.id.in_(ids))) if ids else ()
     return {row[0]: row[1] for row in rows}
 
 
-def _request_view(row: FleetRequest, running: int, published: int | None, asked_by: str | None) -> FleetRequestView:
-    running = min(running, row.remaining)
+def _request_view(row: FleetRequest, counts: Any, published: int | None, asked_by: str | None) -> FleetRequestView:
     # What is skipped is no work: 238 skipped of 250 do not make the other 12 nearly done.
-    at_work = row.matched - row.skipped
-    ended = at_work - row.remaining
-    message = f"{ended} of {at_work} vehicles have ended" if row.matched else "no vehicle matched"
-    if row.failed:
-        message += f", {row.failed} of them failed"
-    if row.skipped:
-        message += f"; {row.skipped} skipped"
+    at_work = counts.matched - counts.skipped
+    ended = at_work - counts.remaining
+    message = f"{ended} of {at_work} vehicles have ended" if counts.matched else "no vehicle matched"
+    if counts.failed:
+        message += f", {counts.failed} of them failed"
+    if counts.skipped:
+        message += f"; {counts.skipped} skipped"
     return FleetRequestView.of(
         row,
+        state=_state(row, counts),
         asked_by=asked_by,
-        counts=Counts.of(row, queued=row.remaining - running, running=running),
+        counts=Counts.of(counts),
         published=published,
         progress=ProgressView(fraction=round(ended / at_work, 4) if at_work else 1.0, message=message),
-        seconds_left=_seconds_left(row),
+        seconds_left=_seconds_left(row, counts),
+        finished_at=None if counts.remaining else counts.ended_at or row.created_at,
     )
 
 
-def _seconds_left(row: FleetRequest) -> int | None:
+def _seconds_left(row: FleetRequest, counts: Any) -> int | None:
     """By the pace since the newest start, to the second; None where that is not known."""
-    ended = row.wave - row.remaining
-    if not row.remaining or ended < _LEAST_ENDED:
+    if not counts.remaining or counts.ended < _LEAST_ENDED:
         return None
-    return round((utc_now() - row.started_at).total_seconds() * row.remaining / ended)
+    return round((utc_now() - row.started_at).total_seconds() * counts.remaining / counts.ended)
 
 
 def vehicles_of(request_id: UUID) -> Select[*tuple[Any, ...]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
 from typing import Any, NamedTuple
 from uuid import UUID
 
@@ -25,12 +24,14 @@ class SlotBundle(NamedTuple):
 class Conclusion(NamedTuple):
     """A calibration's summary, and the columns of its judged results with their ids.
 
-    ``current``: by camera, the vehicle's current result that these were judged beside. ``problem``: of a failed run.
+    ``current``: by camera, the vehicle's current result that these were judged beside. ``reopened``: how often the
+    calibration had been reopened then. ``problem``: of a failed run.
     """
 
     summary: Summary
     judged: Sequence[Json]
     current: Mapping[str, UUID | None]
+    reopened: int
     problem: Json | None
 
 
@@ -38,12 +39,10 @@ class RunEnd(NamedTuple):
     """The end of a run. ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``; ``result``: columns of its row.
 
     ``search``: its state and the number of iterations, if they are not on record yet.
-    ``conclusion``: of the calibration, where this seemed to be the last of its runs. ``ended``: when each of the
-    others had ended by which it was judged.
+    ``conclusion``: of the calibration, where this seemed to be the last of its runs.
     """
 
     run: Any
     result: Json
     search: tuple[Json, int] | None
     conclusion: Conclusion | None
-    ended: Mapping[UUID, datetime]

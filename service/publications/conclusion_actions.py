@@ -7,11 +7,12 @@ from uuid import UUID
 
 from sqlalchemy import update
 from sqlalchemy.orm import Session
+from sqlalchemy.orm.attributes import set_committed_value
 
 from apexcal.documents.checks import doubts_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import CameraSummary
-from service.calibration_runs.conclusion import end_calibration
+from service.calibration_runs.actions import end_calibrations
 from service.platform.db.calibrations import Calibration, Result, current_publication
 from service.platform.handovers import Conclusion
 from service.platform.jobs.claims import StaleInputError
@@ -24,12 +25,14 @@ def publish_conclusion(
 ) -> None:
     """Store what a worker concluded of a calibration, publish what passes, and end the calibration.
 
-    ``fresh``: the result of its last run, stored here. Raises :class:`StaleInputError`, with nothing written, if
-    results that shall be published were judged beside others than are current.
+    ``fresh``: the result of its last run, stored here. Raises :class:`StaleInputError`, with nothing written, if a run
+    was retried meanwhile, or results that shall be published were judged beside others than are current.
     """
     # The calibration's row before the vehicle's: the order of all locks.
     calibration = session.get_one(Calibration, calibration_id, with_for_update=True, populate_existing=True)
     hold_publications(session, calibration.vehicle_id)
+    if calibration.reopened != conclusion.reopened:
+        raise StaleInputError
     if calibration.publish == "recommended":
         _check_unchanged(session, calibration.vehicle_id, conclusion.current)
     judged = {columns["id"]: columns for columns in conclusion.judged}
@@ -41,12 +44,11 @@ def publish_conclusion(
     if judged:
         session.execute(update(Result), list(judged.values()))
     # The limits of a policy are of the summary too: of the one in memory, which is written once at the end.
-    calibration.summary = conclusion.summary.model_dump(mode="json")
-    with session.no_autoflush:
-        for summary in conclusion.summary.cameras.values():
-            _publish(session, calibration, summary)
+    set_committed_value(calibration, "summary", conclusion.summary.model_dump(mode="json"))
+    for summary in conclusion.summary.cameras.values():
+        _publish(session, calibration, summary)
     summary = conclusion.summary.model_dump(mode="json")
-    end_calibration(session, calibration, WorkState.DONE, conclusion.problem, summary)
+    end_calibrations(session, [calibration_id], WorkState.DONE, conclusion.problem, summary=summary)
 
 
 def _check_unchanged(session: Session, vehicle_id: UUID, judged_beside: Mapping[str, UUID | None]) -> None:

@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, delete, false, or_, select, true
+from sqlalchemy import ColumnElement, SelectBase, delete, false, or_, select, true
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
-from apexcal.documents.states import VehicleState
-from service.calibration_runs.conclusion import drop_calibrations
+from apexcal.documents.states import VehicleState, WorkState
+from service.calibration_runs.actions import end_calibrations
 from service.platform.db.analyses import Analysis, AnalysisFile
+from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
 from service.platform.db.fleet_requests import FleetRequestVehicle
@@ -30,6 +31,14 @@ from service.platform.storage.quota import counted, recounting
 from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
 
+_DELETED: Json = {
+    "code": "recording_deleted",
+    "detail": "The recording that this vehicle's pairs came from was deleted meanwhile.",
+    "hint": "Ask again when the vehicle has other pairs.",
+}
+
+_NONE = false()
+
 
 @dataclass(frozen=True)
 class _Origin:
@@ -41,10 +50,10 @@ class _Origin:
 
     kind: str
     vehicle_id: UUID | None
-    sets: ColumnElement[bool]
-    analyses: ColumnElement[bool]
-    subjects: Callable[[Session], Sequence[UUID]]
-    calibrations: ColumnElement[bool]
+    sets: ColumnElement[bool] = _NONE
+    calibrations: ColumnElement[bool] = _NONE
+    analyses: ColumnElement[bool] = _NONE
+    subjects: SelectBase | None = None
 
 
 def delete_recording(
@@ -55,23 +64,18 @@ def delete_recording(
     Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one
     or an alias leads to it, unless ``with_published``; 404 where it is none of ``which`` once it is locked.
     """
-
-    def subjects(session: Session) -> Sequence[UUID]:
-        detections = select(Detection.id).where(Detection.recording_id == recording_id)
-        return [recording_id, *session.scalars(detections)]
-
+    recording = select(Recording.id).where(Recording.id == recording_id)
     origin = _Origin(
         "recording",
         session.scalar(select(Recording.vehicle_id).where(Recording.id == recording_id)),
-        CorrespondenceSet.recording_id == recording_id,
-        Analysis.recording_id == recording_id,
-        subjects,
-        false(),
+        sets=CorrespondenceSet.recording_id == recording_id,
+        analyses=Analysis.recording_id == recording_id,
+        subjects=recording.union_all(select(Detection.id).where(Detection.recording_id == recording_id)),
     )
     # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
     abandon(session, _subjects(session, origin))
-    own = select(Recording.id).where(Recording.id == recording_id, true() if which is None else which)
-    if session.scalar(own.with_for_update()) is None and which is not None:
+    own = recording.where(true() if which is None else which).with_for_update()
+    if session.scalar(own) is None and which is not None:
         raise not_found()
     _delete_descent(session, origin, with_published=with_published)
     parts = session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id))
@@ -117,8 +121,8 @@ def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -
     Raises :class:`Problem` 409 ``calibration_in_use``.
     """
     id_ = detection.id
-    of_sets, own = CorrespondenceSet.detection_id == id_, Analysis.detection_id == id_
-    origin = _Origin("detection", vehicle_id, of_sets, own, lambda session: [id_], false())
+    own = {"analyses": Analysis.detection_id == id_, "subjects": select(Detection.id).where(Detection.id == id_)}
+    origin = _Origin("detection", vehicle_id, CorrespondenceSet.detection_id == id_, **own)
     abandon(session, _subjects(session, origin))
     # The tiles around the machine's marks counted to the recording.
     with recounting(session, detection.recording_id, besides=None):
@@ -132,17 +136,15 @@ def delete_set(session: Session, row: CorrespondenceSet, is_due: Callable[[], bo
     Raises :class:`Problem` 409 ``calibration_in_use``.
     """
     own = or_(CorrespondenceSet.id == row.id, CorrespondenceSet.whole_id == row.id)
-    origin = _Origin("set of pairs", row.vehicle_id, own, false(), lambda session: [], false())
-    if not _delete_descent(session, origin, is_due=is_due):
-        return False
-    session.execute(delete(CorrespondenceSet).where(CorrespondenceSet.id == row.id))
-    return True
+    is_deleted = _delete_descent(session, _Origin("set of pairs", row.vehicle_id, own), is_due=is_due)
+    if is_deleted:
+        session.execute(delete(CorrespondenceSet).where(CorrespondenceSet.id == row.id))
+    return is_deleted
 
 
 def delete_calibration(session: Session, calibration: Calibration) -> None:
     """Delete a calibration with its results. Raises :class:`Problem` 409 ``calibration_in_use``."""
-    own = Calibration.id == calibration.id
-    origin = _Origin("calibration", calibration.vehicle_id, false(), false(), lambda session: [], own)
+    origin = _Origin("calibration", calibration.vehicle_id, calibrations=Calibration.id == calibration.id)
     abandon(session, _subjects(session, origin))
     _delete_descent(session, origin)
 
@@ -160,7 +162,7 @@ def delete_rig(session: Session, rig: Rig) -> None:
             "Give the recording another rig, or delete it first.",
         )
     own, of_sets = Calibration.rig_id == rig.id, CorrespondenceSet.rig_id == rig.id
-    origin = _Origin("rig", rig.vehicle_id, of_sets, false(), lambda session: [], own)
+    origin = _Origin("rig", rig.vehicle_id, of_sets, own)
     abandon(session, _subjects(session, origin))
     _delete_descent(session, origin)
     session.execute(delete(Rig).where(Rig.id == rig.id))
@@ -182,7 +184,7 @@ def delete_vehicle(session: Session, vehicle: Vehicle) -> None:
     for recording_id in session.scalars(select(Recording.id).where(Recording.vehicle_id == id_)).all():
         delete_recording(session, recording_id, with_published=False)
     own, of_sets = Calibration.vehicle_id == id_, CorrespondenceSet.vehicle_id == id_
-    origin = _Origin("vehicle", id_, of_sets, Analysis.vehicle_id == id_, lambda session: [], own)
+    origin = _Origin("vehicle", id_, of_sets, own, Analysis.vehicle_id == id_)
     abandon(session, _subjects(session, origin))
     _delete_descent(session, origin)
     session.execute(delete(Vehicle).where(Vehicle.id == id_))
@@ -195,7 +197,7 @@ def _delete_descent(
 
     Nothing, and it returns False, where it is not due any more once its sets are locked.
     """
-    # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
+    # A retry of a fleet request holds its failed vehicles, then the sets.
     failed = select(FleetRequestVehicle.id).where(
         FleetRequestVehicle.calibration_id.in_(_calibrations(session, origin)),
         FleetRequestVehicle.state == VehicleState.FAILED,
@@ -217,7 +219,7 @@ def _delete_descent(
             _refuse_in_use(session, origin.kind, origin.vehicle_id, calibrations)
     files = select(AnalysisFile.blob_key).join(Analysis, Analysis.id == AnalysisFile.analysis_id)
     condemn(session, session.scalars(files.where(_goes_with(origin, calibrations))).all())
-    drop_calibrations(session, calibrations)
+    end_calibrations(session, calibrations, WorkState.CANCELLED, _DELETED)
     session.execute(delete(Calibration).where(Calibration.id.in_(calibrations)))
     return True
 
@@ -241,7 +243,7 @@ def _subjects(session: Session, origin: _Origin) -> list[UUID]:
     calibrations = _calibrations(session, origin)
     runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
     return [
-        *origin.subjects(session),
+        *(session.scalars(origin.subjects) if origin.subjects is not None else ()),
         *session.scalars(select(Analysis.id).where(_goes_with(origin, calibrations))),
         *calibrations,
         *session.scalars(runs),

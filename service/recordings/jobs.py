@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from uuid import UUID
 
 from sqlalchemy.orm import Session
@@ -12,7 +12,7 @@ from service.platform.broker.hints import hint
 from service.platform.db.base import Json
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording
-from service.platform.jobs.kinds import Kind, failed_subject
+from service.platform.jobs.kinds import Kind, existing, failed_subject
 from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import copied
 
@@ -32,17 +32,15 @@ def queue_ingestion(session: Session, row: Recording) -> Job:
     return job
 
 
-def _end(session: Session, recording_id: UUID, state: WorkState, problem: Json | None) -> None:
-    row = session.get(Recording, recording_id)
-    if row is None:
-        return
+def _end(session: Session, ids: Collection[UUID], state: WorkState, problem: Json | None) -> None:
     done = state == WorkState.DONE
-    row.state = RecordingState.READY if done else RecordingState.FAILED
-    row.problem = problem or (_CANCELLED if state == WorkState.CANCELLED else None)
-    if not done:
-        row.taken_bytes = row.size + copied(session, row.id)
-    row.version += 1
-    hint(session, row.fleet_id, "recording", row.id)
+    for row in existing(session, Recording, ids):
+        row.state = RecordingState.READY if done else RecordingState.FAILED
+        row.problem = problem or (_CANCELLED if state == WorkState.CANCELLED else None)
+        if not done:
+            row.taken_bytes = row.size + copied(session, row.id)
+        row.version += 1
+        hint(session, row.fleet_id, "recording", row.id)
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:

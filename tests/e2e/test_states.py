@@ -270,17 +270,11 @@ def fleets(stage: Stage) -> Iterator[State]:
         (vehicle,) = session.scalars(
             select(models.FleetRequestVehicle.id).where(models.FleetRequestVehicle.fleet_request_id == UUID(id))
         ).all()
-    nobody = {"done": 0, "failed": 0, "cancelled": 0, "skipped": 0, "remaining": 0}
-    of_states = {
-        "running": ("queued", {"remaining": 1, "finished_at": None}),
-        "done": ("done", {"done": 1}),
-        "done_with_failures": ("failed", {"failed": 1}),
-        "cancelled": ("cancelled", {"cancelled": 1}),
-    }
-    for state, (of_vehicle, counts) in of_states.items():
+    of_states = {"running": "queued", "done": "done", "done_with_failures": "failed", "cancelled": "cancelled"}
+    for state, of_vehicle in of_states.items():
         problem = PROBLEM if of_vehicle == "failed" else None
         changes = (
-            Change(row, id, {"state": state, **nobody, **counts}),
+            Change(row, id, {"cancel_requested": state == "cancelled"}),
             Change(models.FleetRequestVehicle, vehicle, {"state": of_vehicle, "problem": problem}),
         )
         yield State(f"fleet-request-{state}", path, changes)

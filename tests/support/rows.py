@@ -46,8 +46,7 @@ USUAL: dict[type[Base], dict[str, Any]] = {
     models.Slot: {"iteration": 0, "slot": 0, "loss": 1.0, "parameters": [0.0], "evaluations": 1, "seconds": 0.01}
     | {"worker": "worker"},
     models.Publication: {"camera": "front", "alias": "current", "number": 1},
-    models.FleetRequest: {"asked": {"vehicles": {}, "calibration": {"publish": "none"}}, "state": "done"}
-    | {"matched": 1, "remaining": 0, "wave": 0},
+    models.FleetRequest: {"asked": {"vehicles": {}, "calibration": {"publish": "none"}}},
     models.Job: {"kind": "ingest", "queue": "ingest"},
 }
 

@@ -43,4 +43,4 @@ def lose_every_worker(database: Database, job_id: int) -> None:
     with database.writing() as session:
         row = session.get_one(Job, job_id)
         for _ in range(get_settings().max_lost_leases - 1):
-            note(session, row, "lost")
+            note(session, [row], "lost")

@@ -9,9 +9,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 from itertools import combinations
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 from uuid import UUID
 
@@ -67,7 +65,7 @@ _RESULTS = (
 )
 _RUNS = select(
     *(CalibrationRun.id, CalibrationRun.set_id, CalibrationRun.camera, CalibrationRun.state),
-    *(CalibrationRun.failure, CalibrationRun.finished_at),
+    CalibrationRun.problem,
 ).where(CalibrationRun.calibration_id == bindparam("calibration"))
 _SEARCHES = (
     select(Slot.run_id, Slot.worker, func.sum(Slot.seconds))
@@ -129,22 +127,15 @@ class LastRun(NamedTuple):
     searches: Sequence[tuple[UUID, str, float]]
 
 
-class LastConclusion(NamedTuple):
-    """A calibration's conclusion by its last run, and when each other run ended; None if some have not ended."""
-
-    conclusion: Conclusion | None = None
-    ended: Mapping[UUID, datetime] = MappingProxyType({})
-
-
 def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Conclusion | None]:
     """Summarise and judge a calibration whose runs have all ended."""
     lease.report(0.0, "comparing the models")
-    conclusion = _concluded(context, claim.subject_id, None, lease).conclusion
+    conclusion = _concluded(context, claim.subject_id, None, lease)
     return lambda session: conclusion
 
 
-def conclude_by(context: Context, last: LastRun, stop: Stop) -> LastConclusion:
-    """Summarise and judge a calibration with the result of its last run.
+def conclude_by(context: Context, last: LastRun, stop: Stop) -> Conclusion | None:
+    """Summarise and judge a calibration with the result of its last run; None while others have not ended.
 
     If judging fails, there is no conclusion, and the run's result is stored all the same. A job then judges again and
     reports the failure.
@@ -155,18 +146,18 @@ def conclude_by(context: Context, last: LastRun, stop: Stop) -> LastConclusion:
         raise
     except Exception:
         log.exception("calibration %s is judged by a job of its own", last.run.calibration_id)
-        return LastConclusion()
+        return None
 
 
-def _concluded(context: Context, calibration_id: UUID, last: LastRun | None, stop: Stop) -> LastConclusion:
+def _concluded(context: Context, calibration_id: UUID, last: LastRun | None, stop: Stop) -> Conclusion | None:
     with context.database.reading() as session:
         calibration = session.get_one(Calibration, calibration_id)
         if last and calibration.remaining != 1:
-            return LastConclusion()
+            return None
         runs = session.execute(_RUNS, {"calibration": calibration_id}).all()
         others = [run for run in runs if last is None or run.id != last.run.id]
         if any(run.state not in _JUDGED_STATES for run in others):
-            return LastConclusion()
+            return None
         stored = list(session.scalars(_RESULTS, {"calibration": calibration_id})) if others else []
         cameras = _by_camera([*stored, last.result] if last else stored)
         fits = _fits(session, calibration_id, cameras, last)
@@ -194,9 +185,9 @@ def _concluded(context: Context, calibration_id: UUID, last: LastRun | None, sto
                 model.verdict = judgement.verdict("mount_with_lens")
                 model.verdict_alone = judgement.verdict("mount_alone")
                 judged.append(judgement.columns)
-    problem = next((run.failure for run in others if run.failure), None)
-    conclusion = Conclusion(Summary(cameras=summaries, rig=rig), judged, current, problem) if judged else None
-    return LastConclusion(conclusion, {run.id: run.finished_at for run in others})
+    problem = next((run.problem for run in others if run.problem), None)
+    summary = Summary(cameras=summaries, rig=rig)
+    return Conclusion(summary, judged, current, calibration.reopened, problem) if judged else None
 
 
 def _judge(

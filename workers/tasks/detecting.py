@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
+from service.platform.broker.hints import hint
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json, new_id
 from service.platform.db.clock import now
@@ -255,6 +256,7 @@ def _advance(session: Session, row: Detection, batch: Detections) -> None:
         problem = _nothing_found(session, row, counts)
         if problem:
             row.state, row.problem, row.finished_at = WorkState.FAILED, problem, now()
+            hint(session, row.fleet_id, "detection", row.id)
     row.counts = counts
     session.flush()
 

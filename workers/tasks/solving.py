@@ -45,8 +45,7 @@ Write = Callable[[Session], object]
 _RUN = select(
     *(CalibrationRun.id, CalibrationRun.fleet_id, CalibrationRun.calibration_id, CalibrationRun.set_id),
     *(CalibrationRun.camera, CalibrationRun.model, CalibrationRun.fold, CalibrationRun.state),
-    *(CalibrationRun.cancel_requested, CalibrationRun.fit_request.label("fit_request")),
-    CalibrationRun.search_state.label("search_state"),
+    *(CalibrationRun.fit_request, CalibrationRun.search_state),
 ).where(CalibrationRun.id == bindparam("run"))
 _INSERT_SLOTS = insert(Slot)
 
@@ -55,7 +54,7 @@ def solve(context: Context, claim: Claim, lease: Lease) -> Write:
     """Do one part of a run: all of it, some slots of an iteration, or the finish."""
     with context.database.alone() as connection:
         run = connection.execute(_RUN, {"run": claim.subject_id}).one()
-    if run.state not in UNENDED or run.cancel_requested:
+    if run.state not in UNENDED:
         raise CancelledError
     run_input = read_run(run.fit_request, run.fold, context.pairs_of(run.set_id), lease)
     part = claim.payload["part"]
@@ -156,7 +155,7 @@ def _finish(
         "document": fit.model_dump(mode="json", exclude_unset=True),
     }
     searches = [(run.id, context.worker, sum(slot["seconds"] for slot in slots))] if slots else []
-    end = RunEnd(run, row, search, *conclude_by(context, LastRun(run, Result(**row), searches), lease))
+    end = RunEnd(run, row, search, conclude_by(context, LastRun(run, Result(**row), searches), lease))
 
     def write(session: Session) -> RunEnd:
         if slots:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from datetime import datetime
 from math import isfinite
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 from uuid import UUID
 
 from sqlalchemy import (
@@ -38,6 +38,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, aliased, declared_attr, mapp
 from sqlalchemy.types import TypeDecorator
 
 from apexcal.documents.corners import TOP
+from apexcal.documents.states import WorkState
 from service.platform.db.clock import Instant, now
 
 
@@ -209,3 +210,23 @@ def belongs_to(target: str, *, nullable: bool = False, index: bool = True, prima
 def refers_to(target: str) -> Any:
     """A nullable foreign key that is emptied when its target goes."""
     return mapped_column(ForeignKey(target, ondelete="SET NULL"), nullable=True, index=True)
+
+
+class Work(Dated):
+    """A node of the tree of work; statements over sets of them stand in :mod:`service.platform.jobs.tree`.
+
+    ``remaining`` counts its parts that have not ended: nodes whose ``PARENT`` it is, or else jobs.
+    """
+
+    __abstract__ = True
+    PARENT: ClassVar[str | None] = None
+
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    remaining: Mapped[int] = mapped_column(default=0)
+    problem: Mapped[Json | None]
+    finished_at: Mapped[datetime | None]
+
+    def reopen(self, state: WorkState, remaining: int = 0) -> None:
+        """Take its end back, on a row that the caller has locked."""
+        self.state, self.remaining, self.problem, self.finished_at = state, remaining, None, None

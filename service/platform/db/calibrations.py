@@ -13,7 +13,6 @@ from sqlalchemy.orm import Mapped, Session, aliased, mapped_column, object_sessi
 from apexcal.documents.checks import Check, CheckVerdict, later_checks
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.results import FitResult
-from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import BetweenModels, ModelSummary, Summary
 from service.platform.db.base import (
     Base,
@@ -21,13 +20,12 @@ from service.platform.db.base import (
     Digest,
     Json,
     Name,
+    Work,
     belongs_to,
     partial_index,
     refers_to,
     require_memory,
 )
-
-_UNENDED = "state IN ('queued', 'running')"
 
 FULL = -1
 """The fold of a fit to all pairs."""
@@ -86,8 +84,11 @@ class CorrespondenceSet(Dated):
         return [i for i in range(count) if i not in left_out]
 
 
-class Calibration(Dated):
-    """A request: every model on every camera's correspondences. ``remaining`` counts the runs that have not ended."""
+class Calibration(Work):
+    """A request: every model on every camera's correspondences. Its parts are runs.
+
+    ``reopened`` counts how often its end was taken back, or awaited anew, for a retry.
+    """
 
     __table_args__ = (
         Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),
@@ -95,19 +96,15 @@ class Calibration(Dated):
         partial_index("ix_calibration_done", "vehicle_id", "finished_at", where="state = 'done'"),
     )
 
-    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
     rig_id: Mapped[UUID] = belongs_to("rig.id")
     request: Mapped[Json]
     content_hash: Mapped[Digest]
-    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
-    remaining: Mapped[int]
     publish: Mapped[str] = mapped_column(String(20))
     notes: Mapped[list[Any]] = mapped_column(default=list)
     summary: Mapped[Json | None]
-    problem: Mapped[Json | None]
+    reopened: Mapped[int] = mapped_column(default=0)
     created_by: Mapped[UUID | None] = refers_to("person.id")
-    finished_at: Mapped[datetime | None]
 
     @property
     def summarised(self) -> Summary:
@@ -115,21 +112,20 @@ class Calibration(Dated):
         return Summary.model_validate(self.summary or {"cameras": {}, "rig": None})
 
 
-class CalibrationRun(Dated):
+class CalibrationRun(Work):
     """One fit: a model on a camera's pairs, all of them (fold -1) or without the held-out block of a fold.
 
     ``fit_request`` is the complete document that the solver reads; ``search_state`` is the state of the search after
-    ``iteration`` finished iterations. The columns of both keep their released names. ``remaining`` counts the bundles
-    of the running iteration.
+    ``iteration`` finished iterations. Its parts are the bundles of the running iteration.
     """
+
+    PARENT = "calibration"
 
     __table_args__ = (
         UniqueConstraint("calibration_id", "camera", "model", "fold"),
-        partial_index("ix_calibration_run_unended", "id", where=_UNENDED),
-        partial_index("ix_calibration_run_cancelled", "id", where=f"IS_TRUE(cancel_requested) AND {_UNENDED}"),
+        partial_index("ix_calibration_run_unended", "id", where="state IN ('queued', 'running')"),
     )
 
-    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     calibration_id: Mapped[UUID] = belongs_to("calibration.id", index=False)
     set_id: Mapped[UUID] = belongs_to("correspondence_set.id")
     camera: Mapped[Name]
@@ -138,14 +134,9 @@ class CalibrationRun(Dated):
     farm: Mapped[str] = mapped_column(String(10))
     slots: Mapped[int]
     bundle: Mapped[int]
-    fit_request: Mapped[Json] = mapped_column("problem")
-    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    fit_request: Mapped[Json]
     iteration: Mapped[int] = mapped_column(default=0)
-    remaining: Mapped[int] = mapped_column(default=0)
-    cancel_requested: Mapped[bool] = mapped_column(default=False)
-    search_state: Mapped[Json | None] = mapped_column("schedule")
-    failure: Mapped[Json | None]
-    finished_at: Mapped[datetime | None]
+    search_state: Mapped[Json | None]
 
 
 class Slot(Base):

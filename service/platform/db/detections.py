@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Any
 from uuid import UUID
 
@@ -10,18 +9,16 @@ from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from apexcal.documents.corners import CORNERS, TOP, CornerName
-from apexcal.documents.states import WorkState
-from service.platform.db.base import Base, Corner, Dated, Digest, Json, Name, Nanoseconds, Row, belongs_to, refers_to
+from service.platform.db.base import Base, Corner, Digest, Json, Name, Nanoseconds, Row, Work, belongs_to, refers_to
 
 
-class Detection(Dated):
+class Detection(Work):
     """One run of a detector inside a region of one LiDAR's sweeps.
 
-    ``remaining`` counts the shards that have not ended. ``marked_corners`` are the board's corners that people are to
-    mark; null for the tip alone.
+    Its parts are shards of the sweeps. ``marked_corners`` are the board's corners that people are to mark; null for
+    the tip alone.
     """
 
-    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     recording_id: Mapped[UUID] = belongs_to("recording.id")
     lidar_id: Mapped[UUID] = belongs_to("sensor.id")
     region: Mapped[Json]
@@ -29,13 +26,9 @@ class Detection(Dated):
     options: Mapped[Json]
     pairing: Mapped[Json]
     content_hash: Mapped[Digest]
-    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
-    remaining: Mapped[int] = mapped_column(default=1)
     counts: Mapped[Json] = mapped_column(default=dict)
-    problem: Mapped[Json | None]
     marked_corners: Mapped[list[Any] | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
-    finished_at: Mapped[datetime | None]
 
 
 class Apex(Row):

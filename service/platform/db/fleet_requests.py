@@ -12,34 +12,20 @@ from service.platform.db.base import Created, Dated, Json, Row, belongs_to, part
 
 
 class FleetRequest(Dated):
-    """One call for calibrations of many vehicles: running, done, done_with_failures or cancelled.
+    """One call for calibrations of many vehicles.
 
-    ``asked`` is the filter and the calibration's template. ``matched`` vehicles are ``remaining`` (not ended),
-    ``done``, ``failed``, ``cancelled`` or ``skipped``; each of these counts moves in the transaction that ends a
-    vehicle. ``wave`` is how many vehicles were put to work at ``started_at``, by the request or by its
-    newest retry.
+    ``asked`` is the filter and the calibration's template. How far it is say its vehicles. Those that had not ended
+    were put to work at ``started_at``, by the request or by its newest retry. Whoever cancels or retries locks it.
     """
 
-    __table_args__ = (
-        Index("ix_fleet_request_fleet_id_id", "fleet_id", "id"),
-        partial_index("ix_fleet_request_running", "id", where="state = 'running'"),
-    )
+    __table_args__ = (Index("ix_fleet_request_fleet_id_id", "fleet_id", "id"),)
 
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     asked: Mapped[Json]
-    state: Mapped[str] = mapped_column(String(20))
-    matched: Mapped[int]
-    remaining: Mapped[int]
-    done: Mapped[int] = mapped_column(default=0)
-    failed: Mapped[int] = mapped_column(default=0)
-    cancelled: Mapped[int] = mapped_column(default=0)
-    skipped: Mapped[int] = mapped_column(default=0)
-    wave: Mapped[int]
     request_id: Mapped[str | None] = mapped_column(String(64))
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     created_by: Mapped[UUID | None] = refers_to("person.id")
     started_at: Mapped[Created]
-    finished_at: Mapped[datetime | None]
 
 
 class FleetRequestVehicle(Row):
@@ -51,7 +37,8 @@ class FleetRequestVehicle(Row):
 
     __table_args__ = (
         UniqueConstraint("fleet_request_id", "vehicle_id"),
-        Index("ix_fleet_request_vehicle_fleet_request_id_state_id", "fleet_request_id", "state", "id"),
+        # With what the counts of a request need.
+        Index("ix_fleet_request_vehicle_state", "fleet_request_id", "state", "id", "finished_at"),
         Index("ix_fleet_request_vehicle_fleet_request_id_id", "fleet_request_id", "id"),
         partial_index(
             "ix_fleet_request_vehicle_due",

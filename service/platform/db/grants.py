@@ -16,7 +16,7 @@ OF_API, OF_INGEST = "apexcal_api", "apexcal_ingest"
 _READ, _ADD, _CHANGE = "SELECT", "SELECT, INSERT", "SELECT, INSERT, UPDATE, DELETE"
 
 WORKERS: Mapping[str, str] = {
-    **dict.fromkeys(("blob_hold", "upload_part", "answer", "correspondence_set"), _READ),
+    **dict.fromkeys(("blob_hold", "upload_part", "answer", "correspondence_set", "fleet_request"), _READ),
     **dict.fromkeys(("camera_frame", "analysis_file", "apex", "slot"), _ADD),
     # Jobs
     "job": (
@@ -48,12 +48,11 @@ WORKERS: Mapping[str, str] = {
     "analysis": f"{_ADD}, UPDATE (state, result, single_pairs, problem, job_id)",
     # Calibrations
     "calibration": f"{_READ}, UPDATE (state, remaining, summary, problem, finished_at)",
-    "calibration_run": f"{_READ}, UPDATE (state, iteration, remaining, schedule, failure, finished_at)",
+    "calibration_run": f"{_READ}, UPDATE (state, iteration, remaining, search_state, problem, finished_at)",
     "result": f"{_ADD}, UPDATE (verdict, error_20m_mm, compared_with, checks)",
     # What a job publishes is a line of the audit, whose moment is read.
     "publication": _ADD,
     "audit_entry": "INSERT, SELECT (id, created_at)",
-    "fleet_request": f"{_READ}, UPDATE (state, remaining, done, failed, cancelled, skipped, wave, finished_at)",
     "fleet_request_vehicle": f"{_READ}, UPDATE (state, problem, finished_at)",
 }
 

@@ -63,7 +63,7 @@ _END = (
     update(Job)
     .where(_MINE)
     .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=now(), lease_until=None)
-    .returning(*ATTEMPT)
+    .returning(*ATTEMPT, Job.cancel_requested)
 )
 _GIVE_BACK = (
     update(Job).where(_MINE).values(state=WorkState.QUEUED, lease_until=None, send_after=now()).returning(*ATTEMPT)
@@ -191,16 +191,21 @@ def finishing(
     """The one transaction that ends a job: the gate, the block's results, what the end means to
     the subject, the next release.
 
-    Raises :class:`LostLeaseError`, with everything rolled back, where the job is no longer this worker's.
+    Raises, with everything rolled back, :class:`LostLeaseError` where the job is no longer this worker's, and
+    :class:`CancelledError` where it would be done although its end was asked for: nothing may follow it.
     """
     with database.writing() as session:
         ended = _mine(claim) | {"ended_as": state, "because": problem}
         passed = session.connection().execute(_END, ended).one_or_none()
         if passed is None:
             raise LostLeaseError(f"job {claim.job_id} is no longer attempt {claim.attempt}'s")
+        if passed.cancel_requested and state == WorkState.DONE:
+            raise CancelledError
         yield session
-        note(session, passed, state, problem)
-        kind_of(claim.kind).end(session, claim.subject_id, state, problem)
+        note(session, [passed], state, problem)
+        kind_of(claim.kind).end(session, [claim.subject_id], state, problem)
+        # A capped queue locks the fleet, which is the last row of all.
+        session.flush()
         release(session, claim.fleet_id, claim.queue)
 
 
@@ -232,9 +237,7 @@ def give_back(database: Database, claim: Claim) -> None:
 
     def once() -> None:
         with database.writing() as session:
-            row = session.connection().execute(_GIVE_BACK, _mine(claim)).one_or_none()
-            if row:
-                note(session, row, "given_back")
+            note(session, session.connection().execute(_GIVE_BACK, _mine(claim)).all(), "given_back")
 
     repeated(once)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from sqlalchemy import bindparam, insert, select, update
@@ -29,21 +29,19 @@ _NOTE = insert(JobEvent).values(
 )
 
 
-def note(session: Session, job: Any, what: str, problem: Json | None = None) -> None:
-    """Note what became of a job's present attempt. ``job`` is its row, or the columns of ``ATTEMPT``.
+def note(session: Session, jobs: Sequence[Any], what: str, problem: Json | None = None) -> None:
+    """Note what became of jobs' present attempts. ``jobs`` are their rows, or the columns of ``ATTEMPT``.
 
     One statement. An attempt that has begun and not ended is in the job's own row, so a claim writes nothing here.
     """
-    event = {
-        "job_id": job.id,
-        "kind": job.kind,
-        "attempt": job.attempt,
-        "what": what,
-        "worker": job.worker,
-        "started_at": job.started_at,
-        "reason": problem["code"][:100] if problem and "code" in problem else None,
-    }
-    session.connection().execute(_NOTE, event)
+    reason = problem["code"][:100] if problem and "code" in problem else None
+    events = [
+        {"job_id": job.id, "kind": job.kind, "attempt": job.attempt, "worker": job.worker}
+        | {"started_at": job.started_at, "what": what, "reason": reason}
+        for job in jobs
+    ]
+    if events:
+        session.connection().execute(_NOTE, events)
 
 
 BUCKETS_S = (0.1, 0.5, 1.0, 5.0, 15.0, 60.0, 300.0, 1800.0)

@@ -6,14 +6,13 @@ module, by name, registers the kinds of all when they are first looked up.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from typing import Any, Final, Protocol, TypeVar
 from uuid import UUID
 
-from sqlalchemy import Select
 from sqlalchemy.orm import InstrumentedAttribute, Mapped, Session
 
 from apexcal.documents.states import WorkState
@@ -41,24 +40,28 @@ def failed_subject(session: Session, job: Job, model: type[Subject], noun: str) 
     return row
 
 
+def existing(session: Session, model: type[Subject], ids: Collection[UUID]) -> Iterator[Subject]:
+    """Return the rows of subjects that were not deleted meanwhile."""
+    return (row for row in (session.get(model, id) for id in sorted(set(ids))) if row is not None)
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of job, and what happens to the row that such a job works for (its subject).
 
-    ``end(session, subject_id, state, problem)`` runs in the transaction that ends a job as done, failed or cancelled.
-    A subject that was deleted meanwhile hears nothing: its job must still be able to end.
+    ``end(session, subject_ids, state, problem)`` runs in the transaction that ends jobs of these subjects alike, as
+    done, failed or cancelled; a subject comes once for each job. One that was deleted meanwhile hears nothing: its job
+    must still be able to end.
     ``retry(session, failed_job)`` takes the subject back to where it began and returns its fresh jobs. It raises
     :class:`CannotRetryError`; without it, failed work is asked for anew.
     """
 
     name: str
     queue: str
-    end: Callable[[Session, UUID, WorkState, Json | None], None]
+    end: Callable[[Session, Collection[UUID], WorkState, Json | None], None]
     retry: Callable[[Session, Job], Sequence[Job]] | None = None
     shown_by: InstrumentedAttribute[int | None] | None = None
     """The column in which subjects keep their job's id: such a job is not removed while its subject is there."""
-    cancelled: Select[UUID] | None = None
-    """Subjects that were cancelled and have not ended. The reaper cancels jobs that they got after that."""
     take: Callable[[Session, UUID, Any], object] | None = None
     """Goes on with what a worker hands over of a subject, in the transaction that ends its job as done."""
     forget: Callable[[Session, Collection[UUID]], None] | None = None

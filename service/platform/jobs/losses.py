@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable
 from datetime import datetime
 
-from sqlalchemy import func, select
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
@@ -19,6 +19,7 @@ from service.platform.db.clock import now
 from service.platform.db.jobs import Job, JobEvent
 from service.platform.jobs.history import note
 from service.platform.jobs.kinds import kind_of
+from service.platform.jobs.queue import end_jobs
 from service.platform.settings import get_settings
 
 # How much longer a job waits after each loss than after the one before, and the longest.
@@ -36,11 +37,12 @@ def record_loss(
     these end it, after about an hour. Until then the job waits ``after_s`` seconds, longer each time, and then for
     its turn. ``tries``: number of losses with this problem's code that end it.
     """
-    note(session, job, what, problem)
+    note(session, [job], what, problem)
     job.lost += 1
     job.lease_until = None
+    alone = select(Job.id).where(Job.id == job.id)
     if job.cancel_requested:
-        end(session, job, WorkState.CANCELLED, None)
+        end(session, alone, WorkState.CANCELLED)
         return
     counted = select(func.count()).where(JobEvent.job_id == job.id, JobEvent.what == what)
     if tries is not None:
@@ -48,7 +50,7 @@ def record_loss(
     times = session.scalar(counted) or 0
     settings = get_settings()
     if times >= (tries or (settings.max_lost_leases if what == "lost" else settings.max_stumbles)):
-        end(session, job, WorkState.FAILED, problem)
+        end(session, alone, WorkState.FAILED, problem)
     else:
         job.state = WorkState.QUEUED
         job.sends = 0
@@ -56,13 +58,12 @@ def record_loss(
         job.send_after = session.scalar(select(now(longer)))
 
 
-def end(session: Session, job: Job, state: WorkState, problem: Json | None) -> None:
-    """End a job that no worker finishes, as its kind says."""
-    job.state, job.problem = state, problem
-    job.finished_at = session.scalar(select(now()))
-    session.flush()
-    note(session, job, state, problem)
-    kind_of(job.kind).end(session, job.subject_id, state, problem)
+def end(session: Session, jobs: Select[int], state: WorkState, problem: Json | None = None) -> int:
+    """End the jobs of a query, which no worker finishes, as their kinds say. Return how many."""
+    ended = end_jobs(session, jobs, state, problem)
+    for kind in sorted({job.kind for job in ended}):
+        kind_of(kind).end(session, [job.subject_id for job in ended if job.kind == kind], state, problem)
+    return len(ended)
 
 
 LeaseValue = tuple[int, int, datetime | None]

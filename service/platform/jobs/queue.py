@@ -15,6 +15,7 @@ from sqlalchemy import (
     Integer,
     ScalarSelect,
     Select,
+    SelectBase,
     String,
     Update,
     bindparam,
@@ -29,7 +30,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.platform.db.base import state_literal
+from service.platform.db.base import Json, state_literal
 from service.platform.db.clock import now, now_plus
 from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Job, Worker
@@ -153,33 +154,32 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
         post(session, COURIER, Message(job_id, kind))
 
 
-def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
+def cancel(session: Session, subjects: Sequence[UUID] | SelectBase) -> None:
     """Ask for the end of these subjects' jobs. Running ones see it at each renewal; the reaper ends the rest."""
-    # Locked in one order, as by everybody who takes several.
-    unended = (
-        select(Job.id)
-        .where(Job.subject_id.in_(subjects if isinstance(subjects, Select) else list(subjects)))
-        .where(Job.state.in_(UNENDED), ~Job.cancel_requested)
-        .order_by(Job.id)
-        .with_for_update()
-        .cte("unended")
-    )
-    session.execute(update(Job).where(Job.id.in_(select(unended.c.id))).values(cancel_requested=True))
+    unended = select(Job.id).where(Job.subject_id.in_(subjects), Job.state.in_(UNENDED), ~Job.cancel_requested)
+    # Whoever ends a job that this waits for may have queued the next one of the same work. None follows a flagged job.
+    while session.scalar(unended.limit(1)) is not None:
+        flagged = unended.order_by(Job.id).with_for_update().cte("flagged")
+        session.execute(update(Job).where(Job.id.in_(select(flagged.c.id))).values(cancel_requested=True))
 
 
-def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
-    """End these subjects' jobs because the subjects themselves are being deleted, so none hears of it."""
-    unended = select(Job.id).where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(UNENDED))
-    # In one order: two deletions may share jobs.
-    locked = session.scalars(unended.order_by(Job.id).with_for_update()).all()
+def end_jobs(session: Session, jobs: Select[int], state: WorkState, problem: Json | None = None) -> Sequence[Any]:
+    """End the jobs of a query that locks them by their ids. Return kind and subject of each, which hear nothing."""
     ended = session.execute(
         update(Job)
-        .where(Job.id.in_(locked))
-        .values(state=WorkState.CANCELLED, finished_at=now(), lease_until=None)
-        .returning(*ATTEMPT)
-    )
-    for job in ended.all():
-        note(session, job, WorkState.CANCELLED)
+        .where(Job.id.in_(select(jobs.cte("ending").c.id)))
+        .values(state=state, problem=problem, finished_at=now(), lease_until=None)
+        .returning(*ATTEMPT, Job.subject_id)
+    ).all()
+    note(session, ended, state, problem)
+    return ended
+
+
+def abandon(session: Session, subject_ids: Sequence[UUID]) -> None:
+    """End these subjects' jobs because the subjects themselves are being deleted, so none hears of it."""
+    unended = select(Job.id).where(Job.subject_id.in_(subject_ids), Job.state.in_(UNENDED))
+    # In one order: two deletions may share jobs.
+    end_jobs(session, unended.order_by(Job.id).with_for_update(), WorkState.CANCELLED)
 
 
 def retry(session: Session, job_id: int) -> Sequence[Job]:
@@ -196,7 +196,7 @@ def retry(session: Session, job_id: int) -> Sequence[Job]:
     if session.scalar(select(under_way)):
         raise CannotRetryError("other jobs of the same work are under way; wait for their end")
     fresh = again(session, job)
-    note(session, job, "requeued", job.problem)
+    note(session, [job], "requeued", job.problem)
     return fresh
 
 

@@ -22,10 +22,9 @@ from service.platform.db.jobs import Heartbeat, Job
 from service.platform.db.rounds import is_away, one_by_one
 from service.platform.db.session import Database, post, put
 from service.platform.jobs.history import tally
-from service.platform.jobs.kinds import kinds
 from service.platform.jobs.losses import LONGEST_S, LeaseWatch, end, record_loss
 from service.platform.jobs.messages import COURIER, Message
-from service.platform.jobs.queue import cancel, release
+from service.platform.jobs.queue import release
 from service.platform.jobs.queues import QUEUES
 from service.platform.jobs.retention import forget_workers
 from service.platform.settings import get_settings
@@ -45,12 +44,10 @@ def reap(database: Database, store: Store, gets_on: Callable[[], None] = lambda:
     ``gets_on`` is called before each step. Raises the first failure once all have been tried; at once where the
     database is away, as none of them can work.
     """
-    cancelled = (Job.state == state_literal(WorkState.QUEUED)) & Job.cancel_requested
     steps: tuple[Callable[[], None], ...] = (
         partial(_write, database, _beat),
         partial(_recover_lost, database),
-        partial(_write, database, _spread_cancels),
-        partial(_each, database, cancelled, _end_cancelled),
+        partial(_end_cancelled, database),
         partial(_write, database, _send_again),
         partial(_write, database, _end_backoff),
         partial(_release_waiting, database),
@@ -93,17 +90,10 @@ def _recover_lost(database: Database) -> None:
         _each(database, running & tuple_(Job.id, Job.attempt, Job.lease_until).in_(lost), _recover)
 
 
-def _spread_cancels(session: Session) -> None:
-    """Flag the jobs that a cancelled subject got after the cancel looked."""
-    for kind in kinds():
-        if kind.cancelled is not None:
-            cancel(session, kind.cancelled)
-
-
-def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
+def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], object]) -> None:
     """Decide every matching job, oldest first, in a transaction of its own: its row locked and looked at again.
 
-    Stops when the next pass is due twice over, so that thousands of cancelled jobs do not delay the other steps.
+    Stops when the next pass is due twice over, so that thousands of jobs do not delay the other steps.
     """
     end = time.monotonic() + 2 * get_settings().sweep_s
     last = 0
@@ -121,7 +111,7 @@ def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Sess
 
 
 def _decide(
-    database: Database, job_id: int, which: ColumnElement[bool], decide: Callable[[Session, Job], None]
+    database: Database, job_id: int, which: ColumnElement[bool], decide: Callable[[Session, Job], object]
 ) -> None:
     try:
         with database.writing() as session:
@@ -150,8 +140,21 @@ def _worker_lost(job: Job) -> Json:
     }
 
 
-def _end_cancelled(session: Session, job: Job) -> None:
-    end(session, job, WorkState.CANCELLED, None)
+def _end_cancelled(database: Database) -> None:
+    """End the queued jobs whose end was asked for: many at a time, or one by one where these do not end together."""
+    which = (Job.state == state_literal(WorkState.QUEUED)) & Job.cancel_requested
+    some = select(Job.id).where(which).order_by(Job.id).limit(_BATCH).with_for_update(skip_locked=True)
+    until, count = time.monotonic() + 2 * get_settings().sweep_s, _BATCH
+    try:
+        while count == _BATCH and time.monotonic() < until:
+            with database.writing() as session:
+                count = end(session, some, WorkState.CANCELLED)
+    except Exception as error:
+        if is_away(error):
+            raise
+        log.exception("the sweep could not end cancelled jobs together")
+        alone = select(Job.id).where(which)
+        _each(database, which, lambda session, job: end(session, alone.where(Job.id == job.id), WorkState.CANCELLED))
 
 
 def _due(longest_s: float) -> ColumnElement[bool]:

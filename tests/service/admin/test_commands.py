@@ -220,7 +220,7 @@ def test_a_failed_run_is_started_again_from_its_beginning(run, database: Databas
     assert began.exit_code == 0, began.output
     with database.reading() as session:
         again = session.get_one(CalibrationRun, run_id)
-        assert (again.state, again.failure, again.remaining, again.iteration) == ("queued", None, 2, 0)
+        assert (again.state, again.problem, again.remaining, again.iteration) == ("queued", None, 2, 0)
         calibration = session.get_one(Calibration, calibration_id)
         assert (calibration.state, calibration.remaining) == ("running", 2)
         assert session.scalars(select(Slot)).all() == []

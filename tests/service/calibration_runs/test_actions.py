@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 
-from sqlalchemy import func, select, update
+from sqlalchemy import func, select
 
-from service.calibration_runs.actions import count_down, end_run, start_iteration, start_runs
+from service.calibration_runs.actions import end_runs, start_runs
 from service.platform.db.models import Calibration, CalibrationRun, Fleet, Job
-from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.claims import CancelledError, claim, finishing
 from service.platform.jobs.queue import cancel
 from service.platform.jobs.reaper import reap
+from service.platform.jobs.tree import count_down
 from tests.service.platform.jobs.support import make_calibration
 from tests.support.folders import folder_store
 
@@ -43,12 +44,8 @@ def test_the_last_two_bundles_finishing_at_the_same_moment_start_one_next_iterat
             assert held
             barrier.wait()
             with finishing(database, held) as session:
-                run = count_down(session, run_id)
-                if run:
+                if begin_next_iteration(session, run_id):
                     went_on.append(job_id)
-                    run.iteration += 1
-                    session.flush()
-                    start_iteration(session, run)
 
         threads = [threading.Thread(target=finish, args=(job_id,)) for job_id in ids]
         for thread in threads:
@@ -63,6 +60,16 @@ def test_the_last_two_bundles_finishing_at_the_same_moment_start_one_next_iterat
                 select(func.count()).select_from(Job).where(Job.subject_id == run_id, Job.state == "queued")
             )
             assert queued == 2
+
+
+def begin_next_iteration(session, run_id) -> bool:
+    """As the last bundle of a run does it; whether it was the last."""
+    if not count_down(session, CalibrationRun, [run_id]):
+        return False
+    run = session.get_one(CalibrationRun, run_id, populate_existing=True)
+    run.iteration += 1
+    start_runs(session, [run])
+    return True
 
 
 _numbers = iter(range(1000))
@@ -89,9 +96,6 @@ def test_a_cancel_against_the_last_finish_leaves_nothing_waiting(database, tmp_p
             barrier.wait()
             with database.writing() as session:
                 cancel(session, [run_id])
-                session.execute(
-                    update(CalibrationRun).where(CalibrationRun.id == run_id).values(cancel_requested=True)
-                )
 
         held = claim(database, last, "w")
         canceller = threading.Thread(target=cancel_it)
@@ -107,30 +111,27 @@ def test_a_cancel_against_the_last_finish_leaves_nothing_waiting(database, tmp_p
 
 
 def _finish(database, job_id, run_id, held=None) -> None:
-    """As the worker does it: the last bundle goes on, unless the run was cancelled."""
+    """As the worker does it: the last bundle goes on, unless its end was asked for."""
     held = held or claim(database, job_id, "w")
     assert held
-    with finishing(database, held) as session:
-        run = count_down(session, run_id)
-        if run and run.cancel_requested:
-            end_run(session, run, "cancelled")
-        elif run:
-            run.iteration += 1
-            session.flush()
-            start_iteration(session, run)
+    try:
+        with finishing(database, held) as session:
+            begin_next_iteration(session, run_id)
+    except CancelledError:
+        with finishing(database, held, "cancelled"):
+            pass
 
 
 def test_a_run_ends_once_and_the_last_run_ends_the_calibration(database):
     calibration_id, (first, second) = make_calibration(database, models=("pinhole", "kannala_brandt"))
     with database.writing() as session:
-        run = session.get_one(CalibrationRun, first)
-        end_run(session, run, "failed", {"code": "a"})
-        end_run(session, run, "failed", {"code": "b"})
+        end_runs(session, [first], "failed", {"code": "a"})
+        end_runs(session, [first], "failed", {"code": "b"})
     with database.reading() as session:
         assert session.get_one(Calibration, calibration_id).remaining == 1
-        assert session.get_one(CalibrationRun, first).failure == {"code": "a"}
+        assert session.get_one(CalibrationRun, first).problem == {"code": "a"}
     with database.writing() as session:
-        end_run(session, session.get_one(CalibrationRun, second), "failed", {"code": "c"})
+        end_runs(session, [second], "failed", {"code": "c"})
     with database.reading() as session:
         calibration = session.get_one(Calibration, calibration_id)
         assert (calibration.remaining, calibration.state) == (0, "failed")
@@ -141,6 +142,6 @@ def test_a_bundle_of_a_run_that_ended_counts_nothing(database):
     _, (run_id,) = make_calibration(database)
     _start(database, run_id)
     with database.writing() as session:
-        end_run(session, session.get_one(CalibrationRun, run_id), "cancelled")
+        end_runs(session, [run_id], "cancelled")
     with database.writing() as session:
-        assert count_down(session, run_id) is None
+        assert count_down(session, CalibrationRun, [run_id]) == []

@@ -113,7 +113,7 @@ def test_a_vehicle_goes_with_everything_on_it(api: Api, world: World) -> None:
 
 def test_a_vehicle_of_a_running_fleet_request_stays(api: Api, world: World) -> None:
     with api.database.writing() as session:
-        request = add(session, FleetRequest, session.get_one(Fleet, world.fleet), state="running", remaining=1)
+        request = add(session, FleetRequest, session.get_one(Fleet, world.fleet))
         waiting = FleetRequestVehicle(fleet_request_id=request.id, vehicle_id=world.seed.vehicle_id, state="queued")
         session.add(waiting)
     engineer = api.member(world.fleet, "engineer")

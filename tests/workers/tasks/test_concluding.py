@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select, update
 
 from apexcal.geometry.se3 import SE3, to_document
-from service.calibration_runs.actions import end_run
+from service.calibration_runs.actions import end_runs
 from service.platform.db.models import (
     Calibration,
     CalibrationRun,
@@ -51,7 +51,8 @@ def end(context, run_id, state="done", found=None):
         if found:
             of_run = {name: getattr(run, name) for name in ("fleet_id", "calibration_id", "camera", "model", "fold")}
             session.add(Result(**of_run, run_id=run.id, document=found))
-        end_run(session, run, state)
+        session.flush()
+        end_runs(session, [run.id], state)
 
 
 @pytest.fixture

@@ -174,9 +174,8 @@ def _published(filler: _Filler, size: Size) -> None:
         created_at=filler.at(count=count),
     )
     at = filler.at(number=f"n * {size.vehicles}", count=count)
-    times = dict.fromkeys(("created_at", "started_at", "finished_at"), at)
-    counts = dict.fromkeys(("done", "matched", "wave"), str(size.vehicles))
-    filler.fill(models.FleetRequest, requests, id=filler.id(_REQUEST), fleet_id=fleet, **counts, **times)
+    times = dict.fromkeys(("created_at", "started_at"), at)
+    filler.fill(models.FleetRequest, requests, id=filler.id(_REQUEST), fleet_id=fleet, **times)
     filler.fill(
         models.FleetRequestVehicle,
         requests * size.vehicles,

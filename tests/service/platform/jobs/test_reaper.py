@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from types import SimpleNamespace
@@ -11,18 +12,19 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.exc import OperationalError
 
 from service.platform.db.clock import now
-from service.platform.db.models import Blob, Calibration, CalibrationRun
+from service.platform.db.models import Blob, Calibration, CalibrationRun, Fleet
 from service.platform.db.session import Database
 from service.platform.jobs import reaper as reaper_module
-from service.platform.jobs.claims import claim
-from service.platform.jobs.queue import cancel
+from service.platform.jobs.claims import CancelledError, claim, finishing
+from service.platform.jobs.queue import cancel, enqueue
 from service.platform.jobs.reaper import reap
 from service.platform.settings import get_settings
 from service.platform.storage.blobs import condemn, keep, reserve
 from service.platform.storage.store import MARKER
+from tests.support.databases import wait_until_one_waits
 from tests.support.leases import let_lease_expire
 
-from .support import Postbox, job, make_calibration, make_due, make_fleet, make_jobs, states
+from .support import Postbox, job, make_calibration, make_due, make_fleet, make_jobs, statements, states
 
 
 def lost_jobs(database, *jobs):
@@ -59,10 +61,10 @@ def test_jobs_that_cannot_be_decided_keep_the_sweep_from_no_other(database, stor
 
 
 def test_a_step_that_fails_keeps_no_other_from_being_done(database, store, monkeypatch):
-    def fail(session):
+    def fail(_):
         raise RuntimeError("this step")
 
-    for name in ("_beat", "_spread_cancels", "tally", "_send_again"):
+    for name in ("_beat", "_end_cancelled", "tally", "_send_again"):
         monkeypatch.setattr(reaper_module, name, fail)
     (lost,) = lost_jobs(database)
     with database.writing() as session:
@@ -113,7 +115,7 @@ def test_a_job_that_kills_every_worker_fails_with_its_reason_and_ends_its_parent
     assert "5 times" in row.problem["detail"]
     with database.reading() as session:
         run = session.get_one(CalibrationRun, run_id)
-        assert (run.state, run.failure["code"]) == ("failed", "worker_lost")
+        assert (run.state, run.problem["code"]) == ("failed", "worker_lost")
         assert session.get_one(CalibrationRun, other).state == "queued"
         assert session.get_one(Calibration, calibration_id).remaining == 1
 
@@ -154,15 +156,71 @@ def test_a_cancel_ends_queued_jobs_and_their_parents_once(database, store):
         assert (calibration.state, calibration.remaining) == ("cancelled", 0)
 
 
-def test_a_job_inserted_behind_a_cancel_is_cancelled_too(database, store):
+def test_a_job_that_follows_the_one_that_a_cancel_waits_for_is_cancelled_too(database, store):
     calibration_id, (run_id,) = make_calibration(database)
-    with database.writing() as session:
-        session.get_one(CalibrationRun, run_id).cancel_requested = True
-    make_jobs(database, make_fleet(database, "other"), 1, run_id)
+    fleet_id = make_fleet(database, "other")
+    (first,) = make_jobs(database, fleet_id, 1, run_id)
+
+    def cancel_it():
+        with database.writing() as session:
+            cancel(session, [run_id])
+
+    held, canceller = claim(database, first, "w"), threading.Thread(target=cancel_it)
+    with finishing(database, held) as session:
+        canceller.start()
+        wait_until_one_waits(database)
+        enqueue(session, kind="solve", fleet_id=fleet_id, subject_id=run_id)
+    canceller.join()
     reap(database, store)
-    assert states(database) == ["cancelled"]
+    assert states(database) == ["done", "cancelled"]
     with database.reading() as session:
         assert session.get_one(Calibration, calibration_id).state == "cancelled"
+
+
+def test_a_job_whose_end_was_asked_for_is_not_done(database):
+    """Else another could follow it, of which the cancel knew nothing."""
+    (job_id,) = make_jobs(database, fleet_id := make_fleet(database), 1)
+    held = claim(database, job_id, "w")
+    with database.writing() as session:
+        cancel(session, [fleet_id])
+    with pytest.raises(CancelledError), finishing(database, held):
+        pass
+    assert states(database) == ["running"]
+
+
+def test_many_cancelled_jobs_end_in_as_many_statements_as_two(database, store):
+    seen = []
+    for models in (("pinhole", "kannala_brandt"), ("a", "b", "c", "d", "e", "f")):
+        with database.writing() as session:
+            session.execute(delete(Fleet))
+        calibration_id, runs = make_calibration(database, models=models)
+        for run_id in runs:
+            make_jobs(database, make_fleet(database, f"fleet of {run_id}"), 2, run_id)
+        with database.writing() as session:
+            cancel(session, runs)
+        with statements(database) as asked:
+            reaper_module._end_cancelled(database)
+        seen.append(asked)
+        with database.reading() as session:
+            calibration = session.get_one(Calibration, calibration_id)
+            assert (calibration.state, calibration.remaining) == ("cancelled", 0)
+    assert seen[0] == seen[1]
+
+
+def test_a_cancelled_job_that_does_not_end_keeps_no_other_from_it(database, store, monkeypatch):
+    stuck, *others = make_jobs(database, fleet_id := make_fleet(database), 3)
+    end = reaper_module.end
+
+    def end_but_one(session, jobs, state):
+        if stuck in session.scalars(jobs).all():
+            raise RuntimeError
+        return end(session, jobs, state)
+
+    monkeypatch.setattr(reaper_module, "end", end_but_one)
+    with database.writing() as session:
+        cancel(session, [fleet_id])
+    reap(database, store)
+    assert states(database) == ["queued", "cancelled", "cancelled"] and others
 
 
 def test_two_sweeps_at_once_do_no_harm(database, store):
