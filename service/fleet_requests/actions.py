@@ -19,7 +19,7 @@ from service.calibrations.actions import ask_to_end, create
 from service.fleet_requests.plan import VehiclePlan, check_template, check_total, plan_vehicles, too_large
 from service.fleet_requests.vehicle_queries import Chosen, choose, with_newest_sets
 from service.platform.broker.hints import hint
-from service.platform.db.base import Json, new_id, state_literal
+from service.platform.db.base import new_id, state_literal
 from service.platform.db.clock import moment, now, utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Vehicle
@@ -194,8 +194,8 @@ def _insert_part(session: Session, row: FleetRequest, planned: Sequence[VehicleP
     template = CalibrationTemplate.model_validate(row.asked["calibration"])
     of_request = select(func.count()).where(FleetRequestVehicle.fleet_request_id == row.id, _IS_DUE)
     coming = session.scalar(of_request) or 0
-    made = [plan for vehicle in vehicles if (plan := plans[vehicle.vehicle_id].plan) is not None]
-    calibrations = create(session, made, template.farm, template.publish, row.created_by, coming) if made else []
+    usable = [plan for vehicle in vehicles if (plan := plans[vehicle.vehicle_id].plan) is not None]
+    calibrations = create(session, usable, template.farm, template.publish, row.created_by, coming) if usable else []
     of_vehicle = {calibration.vehicle_id: calibration.id for calibration in calibrations}
     for vehicle in vehicles:
         vehicle.calibration_id = of_vehicle.get(vehicle.vehicle_id)

@@ -79,7 +79,7 @@ def too_large(what: str, most: str) -> Problem:
 
 
 def plan_vehicles(session: Session, template: CalibrationTemplate, chosen: list[Chosen]) -> Iterator[VehiclePlan]:
-    """The plans of vehicles of a template that :func:`check_template` lets pass; their pairs are read some at a time."""
+    """The plans of vehicles of a template that :func:`check_template` lets pass; pairs are read some at a time."""
     content = template.model_dump()
     for chunk in in_chunks(chosen, _CHUNK):
         sets = _sets(session, chunk)

@@ -25,8 +25,8 @@ def publish_conclusion(
 ) -> None:
     """Store what a worker concluded of a calibration, publish what passes, and end the calibration.
 
-    ``fresh``: the result of its last run, stored here. Raises :class:`StaleInputError`, with nothing written, if a run
-    was retried meanwhile, or results that shall be published were judged beside others than are current.
+    ``fresh``: the result of its last run, stored here. Raises :class:`StaleInputError`, with nothing written, if a
+    run was retried meanwhile, or results that shall be published were judged beside others than are current.
     """
     # The calibration's row before the vehicle's: the order of all locks.
     calibration = session.get_one(Calibration, calibration_id, with_for_update=True, populate_existing=True)

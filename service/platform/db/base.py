@@ -221,11 +221,12 @@ class Work(Dated):
     __abstract__ = True
     PARENT: ClassVar[str | None] = None
 
-    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
-    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
-    remaining: Mapped[int] = mapped_column(default=0)
+    # First, for SQLite reads a row up to the column that it needs, and summaries are large.
+    fleet_id: Mapped[UUID] = mapped_column(ForeignKey("fleet.id", ondelete="CASCADE"), index=True, sort_order=-1)
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED, sort_order=-1)
+    remaining: Mapped[int] = mapped_column(default=0, sort_order=-1)
+    finished_at: Mapped[datetime | None] = mapped_column(sort_order=-1)
     problem: Mapped[Json | None]
-    finished_at: Mapped[datetime | None]
 
     def reopen(self, state: WorkState, remaining: int = 0) -> None:
         """Take its end back, on a row that the caller has locked."""

@@ -49,9 +49,9 @@ def existing(session: Session, model: type[Subject], ids: Collection[UUID]) -> I
 class Kind:
     """A kind of job, and what happens to the row that such a job works for (its subject).
 
-    ``end(session, subject_ids, state, problem)`` runs in the transaction that ends jobs of these subjects alike, as
-    done, failed or cancelled; a subject comes once for each job. One that was deleted meanwhile hears nothing: its job
-    must still be able to end.
+    ``end(session, subject_ids, state, problem)`` runs in the transaction that ends jobs of these subjects as done,
+    failed or cancelled; a subject comes once for each job. One that was deleted meanwhile hears nothing: its job must
+    still be able to end.
     ``retry(session, failed_job)`` takes the subject back to where it began and returns its fresh jobs. It raises
     :class:`CannotRetryError`; without it, failed work is asked for anew.
     """

@@ -157,7 +157,7 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
 def cancel(session: Session, subjects: Sequence[UUID] | SelectBase) -> None:
     """Ask for the end of these subjects' jobs. Running ones see it at each renewal; the reaper ends the rest."""
     unended = select(Job.id).where(Job.subject_id.in_(subjects), Job.state.in_(UNENDED), ~Job.cancel_requested)
-    # Whoever ends a job that this waits for may have queued the next one of the same work. None follows a flagged job.
+    # Whoever ends a job that this waits for may have queued the next one of its work. None follows a flagged one.
     while session.scalar(unended.limit(1)) is not None:
         flagged = unended.order_by(Job.id).with_for_update().cte("flagged")
         session.execute(update(Job).where(Job.id.in_(select(flagged.c.id))).values(cancel_requested=True))

@@ -122,7 +122,7 @@ def _end_detections(vans: Vans, context, van) -> None:
         pass
     with context.database.writing() as session:
         recording = session.get_one(Recording, recording_id)
-        lidar = session.scalars(select(Sensor).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")).one()
+        lidar = session.query(Sensor).filter_by(recording_id=recording_id, kind="lidar").one()
         row = add(session, Detection, recording, lidar, state="queued", remaining=1)
         job = enqueue(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id)
     lose_every_worker(context.database, job.id)
