@@ -7,7 +7,7 @@ from uuid import UUID
 import pytest
 from sqlalchemy import event, func, select, update
 
-from service.calibration_runs.actions import end_calibrations, end_runs
+from service.calibration_runs.actions import end_calibrations
 from service.fleet_requests import actions
 from service.fleet_requests.actions import ask_all_to_end, retry_failed
 from service.platform.db.clock import now
@@ -116,8 +116,8 @@ def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, 
 
     def finish(mine) -> None:
         barrier.wait()
-        with finishing(context.database, mine) as session:
-            end_runs(session, [mine.subject_id], "failed", {"code": "x"})
+        with finishing(context.database, mine, "failed", {"code": "x"}):
+            pass
 
     threads = [threading.Thread(target=finish, args=(mine,)) for mine in held]
     for thread in threads:
