@@ -112,13 +112,17 @@ def _ask_alone(vans: Vans, context, van) -> None:
 
 
 def _end_detections(vans: Vans, context, van) -> None:
-    """A recording that cannot be read, and a detection that fails, is retried, and found nothing."""
+    """A recording and a detection: each fails, is retried, and is done."""
     with context.database.reading() as session:
         rig = session.get_one(Rig, UUID(van["rig"]))
     recording_id, _ = seed_recording(context.database, rig, 3)
     with context.database.writing() as session:
         job = queue_ingestion(session, session.get_one(Recording, recording_id, with_for_update=True))
     with finishing(context.database, claim(context.database, job.id, "w"), "failed", {"code": "x"}):
+        pass
+    with context.database.writing() as session:
+        (again,) = retry(session, job.id)
+    with finishing(context.database, claim(context.database, again.id, "w")):
         pass
     with context.database.writing() as session:
         recording = session.get_one(Recording, recording_id)
