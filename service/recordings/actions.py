@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, SelectBase, delete, false, or_, select, true
+from sqlalchemy import ColumnElement, CompoundSelect, Select, delete, false, or_, select, true
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
@@ -53,7 +53,7 @@ class _Origin:
     sets: ColumnElement[bool] = _NONE
     calibrations: ColumnElement[bool] = _NONE
     analyses: ColumnElement[bool] = _NONE
-    subjects: SelectBase | None = None
+    subjects: Select[UUID] | CompoundSelect[UUID] | None = None
 
 
 def delete_recording(
@@ -121,8 +121,8 @@ def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -
     Raises :class:`Problem` 409 ``calibration_in_use``.
     """
     id_ = detection.id
-    own = {"analyses": Analysis.detection_id == id_, "subjects": select(Detection.id).where(Detection.id == id_)}
-    origin = _Origin("detection", vehicle_id, CorrespondenceSet.detection_id == id_, **own)
+    of_sets, own = CorrespondenceSet.detection_id == id_, select(Detection.id).where(Detection.id == id_)
+    origin = _Origin("detection", vehicle_id, of_sets, analyses=Analysis.detection_id == id_, subjects=own)
     abandon(session, _subjects(session, origin))
     # The tiles around the machine's marks counted to the recording.
     with recounting(session, detection.recording_id, besides=None):
