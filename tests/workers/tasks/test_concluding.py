@@ -119,6 +119,20 @@ def test_a_conclusion_that_failed_fails_its_calibration_and_is_retried(context, 
         kind_of("conclude").retry(session, job)
 
 
+def test_a_conclusion_from_before_a_retry_of_a_run_is_made_again(context):
+    calibration_id, (run_id,) = make_calibration(context.database)
+    end(context, run_id, found=document(1.0))
+    held = concluding(context)
+    with Lease(context.database, held) as lease:
+        write = conclude(context, held, lease)
+        with context.database.writing() as session:
+            session.get_one(Calibration, calibration_id).reopened += 1
+        with pytest.raises(StaleInputError):
+            finish(context.database, held, write)
+        finish(context.database, held, conclude(context, held, lease))
+    assert ended(context, calibration_id)[0] == "done"
+
+
 def test_the_transaction_that_ends_a_calibration_is_short(context):
     """It reads no results: those were read before it."""
     calibration_id, (run_id,) = make_calibration(context.database)
