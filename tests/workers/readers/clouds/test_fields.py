@@ -96,12 +96,13 @@ def test_fields_whose_names_are_not_known_are_named(name):
     flat = cloud | {"z": np.random.default_rng(0).normal(size=1440)}  # no elevations to tell rings by
     with pytest.raises(ReadError, match=name) as caught:
         learned(flat)
-    assert caught.value.code == "rings_not_separable"
+    assert caught.value.code == "rings_not_separable" and "point" in caught.value.hint
 
 
 def test_a_cloud_without_coordinates_lists_what_it_holds():
     with pytest.raises(ReadError) as caught:
-        CloudFields.of({"px_mm": np.zeros(1), "y": np.zeros(1), "depth": np.zeros((1, 3))}, "/points")
+        learned({"px_mm": np.zeros(1), "y": np.zeros(1), "depth": np.zeros((1, 3))})
+    assert caught.value.code == "cloud_without_xyz" and "point" in caught.value.hint
     assert caught.value.message == "/points has no x and no z; its fields are: px_mm, y, depth."
 
 

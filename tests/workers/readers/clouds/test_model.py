@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from making_recordings import START_NS, scattered, scene
+from making_recordings import START_NS, scene
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.model import learn_clouds
-from workers.readers.recording import MessageError, ReadError
+from workers.readers.recording import MessageError
 
 
 def learn(*clouds, period_ns=100_000_000):
@@ -40,33 +40,6 @@ def test_no_ring_field():
     np.testing.assert_array_equal(sweep.ring, np.delete(scene()["ring"], 5))
     np.testing.assert_array_equal(sweep.intensity, np.delete(columns["intensity"], 5).astype(np.float32))
     assert "1 points were left out, because they lie between" in model.warnings()[0]
-
-
-@pytest.mark.parametrize(
-    ("columns", "code"),
-    [
-        (scattered(), "rings_not_separable"),
-        ({"ring": np.zeros(3), "range": np.zeros(3)}, "cloud_without_xyz"),
-    ],
-)
-def test_neither_ring_field_nor_rings_and_no_coordinates(columns, code):
-    with pytest.raises(ReadError) as caught:
-        learn(columns)
-    assert caught.value.code == code and "point" in caught.value.hint
-
-
-def test_ouster_names_and_order():
-    columns = scene()
-    turned = {axis: columns[axis] for axis in "xyz"} | {
-        "reflectivity": columns["intensity"],
-        "t": np.rint(columns["time"] * 1e9).astype(np.uint32),
-        "channel": (15 - columns["ring"]).astype(np.uint8),
-    }
-    model = learn(turned)
-    sweep = model.sweep(START_NS, turned)
-    np.testing.assert_array_equal(sweep.ring, columns["ring"])
-    np.testing.assert_array_equal(sweep.intensity, columns["intensity"])
-    assert (model.facts.time_source, model.facts.ring_count) == ("per_point", 16)
 
 
 def test_a_cloud_without_intensity_says_so_and_an_empty_one_is_left_out():

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from formats import frames_of, read
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from making_recordings import START_NS, cloud, header, scene
 from making_ros2 import TYPES as ROS2
 from making_ros2 import as_cdr, write_mcap
@@ -24,17 +25,22 @@ ROS2.register(
     )
 )
 COMPRESSED, CLOUD = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"
+VIDEO = "foxglove.CompressedVideo"
 COUNT = 6
 
 
 def recording(path, kind, message_of):
     """An MCAP file of clouds and of messages of one camera."""
-    every = []
+    clouds, every = [], []
     for i in range(COUNT):
         stamp = START_NS + i * 100_000_000
-        every.append(("/points", CLOUD, stamp, cloud(stamp, scene(), types=ROS2)))
+        clouds.append(("/points", CLOUD, stamp, cloud(stamp, scene(), types=ROS2)))
         every.append(("/front/image", kind, stamp + 1, message_of(i, stamp + 1)))
-    return write_mcap(path / "walk.mcap", as_cdr(every))
+    of_ros = kind != VIDEO
+    encoded = (
+        as_cdr(every) if of_ros else [(*one[:2], "protobuf", one[2], one[3].SerializeToString()) for one in every]
+    )
+    return write_mcap(path / "walk.mcap", [*as_cdr(clouds), *encoded])
 
 
 def compressed(form, data):
@@ -47,6 +53,18 @@ def packet(encoding, data):
     return lambda i, stamp: ROS2.types[FFMPEG](
         header(stamp, "front", ROS2), WIDTH, HEIGHT, encoding, i, int(i == 0), False, np.frombuffer(data(i), np.uint8)
     )
+
+
+def foxglove_video(codec, data):
+    def message(i, stamp):
+        made = CompressedVideo(frame_id="front", data=data(i), format=codec)
+        made.timestamp.FromNanoseconds(stamp)
+        return made
+
+    return message
+
+
+MESSAGES = {COMPRESSED: compressed, FFMPEG: packet, VIDEO: foxglove_video}
 
 
 def colours():
@@ -142,18 +160,35 @@ def streams():
         *(("hevc", COMPRESSED, name) for name in ("h265", "hevc", "bgr8; h265", "")),
         *(("h264", FFMPEG, name) for name in ("libx264", "h264_nvenc", "h264;yuv420p;bgr8;bgr8")),
         *(("hevc", FFMPEG, name) for name in ("hevc_vaapi", "libx265", "hevc;nv12;rgb8;rgb8")),
+        *(("h264", VIDEO, "h264"), ("hevc", VIDEO, "h265")),
     ],
 )
 def test_frames_of_video_are_decoded_whatever_message_holds_them(tmp_path, streams, codec, kind, name):
     units = streams[codec]
     assert len(units) == COUNT
-    message = (compressed if kind == COMPRESSED else packet)(name, lambda i: units[i])
-    frames = frames_of(read(recording(tmp_path, kind, message))[1])
-    assert [number_of(shown(frame)[..., ::-1]) for frame in frames] == list(range(COUNT))
+    found, items, warnings = read(recording(tmp_path, kind, MESSAGES[kind](name, lambda i: units[i])))
+    frames = frames_of(items)
+    assert [number_of(shown(frame)[..., ::-1]) for frame in frames] == list(range(COUNT)) and warnings == []
     assert [frame.stamp_ns for frame in frames] == [START_NS + i * 100_000_000 + 1 for i in range(COUNT)]
+    assert {(f.media_type, f.width, f.height, bool(f.transcoding)) for f in frames} == {
+        ("image/jpeg", WIDTH, HEIGHT, True)
+    }
+    assert ("camera", "/front/image", "front", COUNT) in [
+        (s.kind, s.name, s.frame_id, s.count) for s in found.sensors
+    ]
 
 
-def test_a_codec_that_is_not_read_is_named(tmp_path):
-    path = recording(tmp_path, FFMPEG, packet("libtheora", lambda i: b"\x80theora"))
-    with pytest.raises(ReadError, match="'libtheora', which is not read"):
-        read(path)
+@pytest.mark.parametrize(("kind", "name"), [(FFMPEG, "libtheora"), (VIDEO, "theora")])
+def test_a_codec_that_is_not_read_is_named(tmp_path, kind, name):
+    with pytest.raises(ReadError, match=f"'{name}', which is not read") as caught:
+        read(recording(tmp_path, kind, MESSAGES[kind](name, lambda i: b"\x80theora")))
+    assert caught.value.code == "video_unsupported"
+
+
+def test_video_without_a_key_frame_is_refused(tmp_path, streams):
+    late = [*streams["h264"][1:], streams["h264"][1]]
+    with pytest.raises(
+        ReadError, match=f"None of the {COUNT} messages of /front/image can be used.*key frame"
+    ) as caught:
+        read(recording(tmp_path, VIDEO, foxglove_video("h264", lambda i: late[i])))
+    assert caught.value.code == "video_damaged"

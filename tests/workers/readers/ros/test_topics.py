@@ -1,14 +1,11 @@
 """What is particular to bags of ROS and to MCAP files."""
 
 import struct
-from fractions import Fraction
 
-import av
 import cv2
 import numpy as np
 import pytest
 from formats import folder_of, frames_of, read, same, sweeps_of, tar_of
-from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from making_packets import packets
 from making_recordings import CLOUD, COMPRESSED, IMAGE, PERIOD_NS, START_NS, cloud, raw_image, scene, write_bag
 from making_recordings import TYPES as ROS1
@@ -92,11 +89,6 @@ def test_lens_models_have_our_names_and_an_uncalibrated_camera_none(tmp_path, ho
     messages = [m for m in rig(1) if m[1] == COMPRESSED] + [("/front/camera_info", INFO, 1, info(START_NS, **how))]
     stated = read(write_ros2(tmp_path / "bag", messages))[0].sensors[0].camera_info
     assert (stated and (stated["model"], stated["D"])) == (d and (model, d))
-
-
-def test_a_stamp_of_zero_is_replaced_and_said(tmp_path):
-    _, (sweep,), warnings = read(write_bag(tmp_path / "a", [("/points", CLOUD, START_NS, cloud(0, scene()))]))
-    assert sweep.stamp_ns == START_NS and "no stamp of their own" in warnings[0]
 
 
 def test_rows_of_a_raw_image_may_be_padded(tmp_path):
@@ -224,38 +216,6 @@ def test_an_index_without_a_checksum_that_names_no_chunk(tmp_path, change):
     _, items, warnings = read(path)
     assert len(items) == 40 and all(map(same, items, everything))
     assert any("The index of a.mcap is damaged" in line for line in warnings)
-
-
-def video(count=6, first=0, codec="h264"):
-    """(topic, schema, encoding, time, bytes) of a video, one frame a message, grey from dark to light."""
-    context = av.CodecContext.create("libx264", "w")
-    context.width, context.height, context.pix_fmt, context.time_base = 64, 48, "yuv420p", Fraction(1, 10)
-    context.options = {"preset": "ultrafast", "tune": "zerolatency", "crf": "10"}
-    encoded = []
-    for i in range(count):
-        frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 + 30 * i, np.uint8), format="bgr24")
-        frame.pts = i
-        encoded += context.encode(frame)
-    encoded += context.encode(None)
-    for i, packet in enumerate(encoded[first:], first):
-        message = CompressedVideo(frame_id="camera", data=bytes(packet), format=codec)
-        message.timestamp.FromNanoseconds(START_NS + i * PERIOD_NS)
-        yield "/video", "foxglove.CompressedVideo", "protobuf", START_NS, message.SerializeToString()
-
-
-def test_video_in_messages(tmp_path):
-    recording, frames, warnings = read(write_mcap(tmp_path / "a.mcap", video()))
-    assert [(s.kind, s.name, s.frame_id, s.count) for s in recording.sensors] == [("camera", "/video", "camera", 6)]
-    assert [f.stamp_ns for f in frames] == [START_NS + i * PERIOD_NS for i in range(6)] and warnings == []
-    assert {(f.media_type, f.width, f.height, bool(f.transcoding)) for f in frames} == {("image/jpeg", 64, 48, True)}
-    means = [cv2.imdecode(np.frombuffer(f.data, np.uint8), cv2.IMREAD_COLOR).mean() for f in frames]
-    np.testing.assert_allclose(means, 20 + 30 * np.arange(6), atol=5)
-    with pytest.raises(ReadError, match=r"None of the 4 messages of /video can be used.*key frame") as caught:
-        read(write_mcap(tmp_path / "b.mcap", video(first=2)))  # without a key frame
-    assert caught.value.code == "video_damaged"
-    with pytest.raises(ReadError, match="theora") as caught:
-        read(write_mcap(tmp_path / "c.mcap", video(codec="theora")))
-    assert caught.value.code == "video_unsupported"
 
 
 @pytest.mark.parametrize("kind", ["folder", "tar"])

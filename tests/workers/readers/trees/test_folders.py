@@ -51,12 +51,6 @@ def test_files_of_one_kind_in_one_folder_are_one_sensor(paths, sensors):
     assert {one.name: len(one.paths) for one in find_series(paths)} == sensors
 
 
-def test_folders_that_all_have_in_common_are_left_out_of_names(tmp_path):
-    recording = open_recording(folder_of(tmp_path, {"walk/frames/1.pcd": PCD, "walk/frames/1.png": png(8, 6)}))
-    assert [s.name for s in recording.sensors] == ["images", "clouds"]
-    recording.close()
-
-
 POINTS = b"x,y,z\n1,2,3\n4,5,6\n"
 CORNERS = b"pose,corner,x,y,z\n1,0,1.5,2.5,3.5\n"
 PAIRS = b"x,y,z,u,v,group\n1,2,3,4,5,1\n"
