@@ -68,7 +68,6 @@ def test_images_go_before_sweeps_and_both_say_so(context, tmp_path, engineer):
 
 
 def test_old_imports_go_but_for_what_was_published(context, engineer):
-    """And what must stay is not tried again in each round."""
     fleet = engineer.get("/me").json()["fleets"][0]["id"]
     van = new_vehicle(engineer, fleet)
     old, published = (bring_pairs(engineer, van["rig"], pairs(60, seed)) for seed in (1, 2))
@@ -87,21 +86,6 @@ def test_old_imports_go_but_for_what_was_published(context, engineer):
     assert delete_old_imports(context.database) == 1 and delete_old_imports(context.database) == 0
     with context.database.reading() as session:
         assert [str(id) for id in session.scalars(select(CorrespondenceSet.id))] == [published]
-    # A recording that it came from.
-    with context.database.writing() as session:
-        named = session.scalars(select(CorrespondenceSet)).one()
-        named = {name: getattr(named, name) for name in ("fleet_id", "vehicle_id", "rig_id")} | {"name": "walk"}
-        row = Recording(**named, file_name="f", state="ready", retain_until=now(-1))
-        session.add(row)
-        session.flush()
-        session.execute(update(CorrespondenceSet).values(recording_id=row.id))
-    assert delete_overdue(context.database) == 0
-    with context.database.writing() as session:
-        assert session.scalars(select(Recording.kept_until)).one() > session.scalars(select(now(0.9 * _DAY_S))).one()
-        session.execute(update(Recording).values(version=7))
-    assert delete_overdue(context.database) == 0
-    with context.database.reading() as session:
-        assert session.scalars(select(Recording.version)).one() == 7
 
 
 @pytest.mark.parametrize("round_of", [remove_old_layers, delete_old_imports, delete_overdue])

@@ -7,7 +7,7 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.exc import OperationalError
 
 from service.platform.db.base import new_id
-from service.platform.db.clock import utc_now
+from service.platform.db.clock import now, utc_now
 from service.platform.db.models import (
     Answer,
     Apex,
@@ -163,6 +163,8 @@ def test_the_original_waits_for_the_upload(engineer, recording) -> None:
 
 def test_a_failed_recording_is_ingested_again(api: Api, engineer, recording) -> None:
     first = upload(engineer, recording["id"], [b"x"]).json()["job"]
+    refused = engineer.post(f"/recordings/{recording['id']}/retry")
+    assert (refused.status_code, refused.json()["code"]) == (409, "not_failed")
     with api.database.writing() as session:
         session.execute(update(Recording).values(state="failed", problem={"code": "bag_truncated", "detail": "d"}))
         session.execute(update(Job).values(state="failed"))
@@ -257,6 +259,9 @@ def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
         assert delete_overdue(api.database) == 0
     assert len(engineer.get(f"/recordings/{recording['id']}").json()["warnings"]) == 1
     with api.database.writing() as session:
+        assert session.scalars(select(Recording.name).where(Recording.kept_until > now(0.9 * 86400.0))).all() == [
+            "drive"
+        ]
         session.execute(delete(Publication))
     assert delete_overdue(api.database) == 0, "it is looked at again after a day"
     with api.database.writing() as session:

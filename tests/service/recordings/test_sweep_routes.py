@@ -9,7 +9,7 @@ from apexcal.documents.sensor_files import SWEEP_ENTRY, TAIL
 from apexcal.documents.sweeps import MEDIA_TYPE
 from service.platform.db.models import Blob, Recording, Sensor
 from service.recordings import sweep_indexes
-from service.recordings.actions import delete_recording, remove_layers
+from service.recordings.actions import remove_layers
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.support.people import Api
 
@@ -87,11 +87,3 @@ def test_what_is_not_read_yet_or_removed_says_so(api: Api) -> None:
     for address in addresses:
         refused = viewer.get(address)
         assert (refused.status_code, refused.json()["code"]) == (410, "retention_ended")
-
-
-def test_a_deleted_recording_leaves_no_file(api: Api) -> None:
-    recording_id, key = seed_sweeps(api, api.fleet())
-    with api.database.writing() as session:
-        delete_recording(session, recording_id, with_published=False)
-    with api.database.reading() as session:
-        assert session.get_one(Blob, key).state == "condemned"

@@ -141,12 +141,6 @@ def test_part_numbers_and_upload_of_a_strange_rig(api: Api, engineer, recording)
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
 
 
-def test_only_failed_recordings_are_ingested_again(api: Api, engineer, recording) -> None:
-    upload(engineer, recording["id"], PARTS)
-    refused = engineer.post(f"/recordings/{recording['id']}/retry")
-    assert (refused.status_code, refused.json()["code"]) == (409, "not_failed")
-
-
 def test_refusals_reach_a_client_that_is_still_sending(served, engineer, recording) -> None:
     _, url = served
     part = f"{url}/v1/recordings/{recording['id']}/parts/1"
