@@ -107,17 +107,22 @@ def _raw(api, id):
     return id.hex if api.database.engine.dialect.name == "sqlite" else id
 
 
-def test_the_one_before_is_given_again_with_a_reason_and_nothing_is_rewritten(api, rig, reviewer):
+@pytest.mark.parametrize("alias", ["current", "canary"])
+def test_the_one_before_is_given_again_with_a_reason_and_nothing_is_rewritten(api, rig, reviewer, alias):
     (first, _), (second, _) = (seed_results(api, rig)[1] for _ in range(2))
-    for result in (first, second):
-        assert reviewer.post(f"/results/{result}/publication").status_code == 201
-    before = history(reviewer, rig)["items"]
-    refused = reviewer.post(f"/results/{first}/publication")
+    reviewer.post(f"/results/{second}/publication", {"alias": "another"})  # has a history of its own
+
+    def move(to, **more):
+        return reviewer.post(f"/results/{to}/publication", {"alias": alias, **more})
+
+    assert [move(result).status_code for result in (first, second)] == [201, 201]
+    before = history(reviewer, rig, alias=alias)["items"]
+    refused = move(first)
     assert (refused.status_code, refused.json()["code"]) == (422, "reason_missing")
-    back = reviewer.post(f"/results/{first}/publication", {"reason": "The second one drives into kerbs."})
+    back = move(first, reason="The second one drives into kerbs.")
     assert back.status_code == 201, back.text
-    assert reviewer.post(f"/results/{first}/publication").status_code == 200, "it is the current one"
-    after = history(reviewer, rig)["items"]
+    assert move(first).status_code == 200, "it is the one that is given"
+    after = history(reviewer, rig, alias=alias)["items"]
     assert [row["result_id"] for row in after] == [str(first), str(second), str(first)]
     assert after[1:] == [row | {"is_current": False} for row in before]
     assert after[0]["reason"] == "The second one drives into kerbs."
@@ -138,6 +143,6 @@ def test_the_history_comes_in_pages(api, fleet, rig, reviewer, viewer):
     assert [row["result_id"] for row in found] == [str(one) for one in reversed(results)]
     assert [row["is_current"] for row in found] == [True, *[False] * 4]
     assert viewer.get(current_address(rig)).json()["result_id"] == str(results[-1])
-    for cursor in ("x", str(rig.id)):
+    for cursor in ("x", str(rig.id), "\u00b2", "\u0661", "9" * 30):
         refused = viewer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications", params={"after": cursor})
         assert (refused.status_code, refused.json()["code"]) == (422, "invalid_cursor")
