@@ -124,26 +124,3 @@ def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, fl
         fold = session.scalars(select(Result.id).where(Result.fold == 0)).one()
     refused = engineer.post("/analyses", {"kind": "report", "result_id": str(fold)})
     assert refused.json()["code"] == "not_a_fit_to_all_pairs"
-
-
-@one_database
-def test_pairs_are_left_out_and_the_calibration_asked_for_again(context, engineer, result):
-    found = engineer.get(f"/results/{result}").json()
-    path = f"/correspondence-sets/{found['set_id']}/selections"
-    assert engineer.post(path, {"leave_out": [80]}).json()["code"] == "no_such_pair"
-    assert engineer.post(path, {"leave_out": list(range(80))}).json()["code"] == "nothing_left"
-    fewer = engineer.post(path, {"leave_out": [3, 17, 3]})
-    assert fewer.status_code == 201, fewer.text
-    assert fewer.json()["count"] == 78 and fewer.json()["notes"][-1] == "2 pairs were left out by hand."
-    assert engineer.post(path, {"leave_out": [17, 3]}).status_code == 200
-    whole, rest = (
-        engineer.get(f"/correspondence-sets/{one}").json()["pairs"] for one in (found["set_id"], fewer.json()["id"])
-    )
-    assert rest == [pair for i, pair in enumerate(whole) if i not in (3, 17)]
-    request = engineer.get(f"/calibrations/{found['calibration_id']}").json()["request"]
-    again = ask_calibration(
-        engineer, found["vehicle_id"], **request | {"correspondence_set_ids": [fewer.json()["id"]]}
-    )
-    work(context)
-    done = engineer.get(f"/calibrations/{again}").json()
-    assert done["summary"]["cameras"]["front"]["models"]["pinhole"]["pairs"] == 78

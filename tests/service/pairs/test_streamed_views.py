@@ -179,6 +179,10 @@ def test_a_selection_names_its_set_and_copies_nothing(api: Api) -> None:
     second = select(first["id"], 0, 3998)  # 1 and 4000 of the whole set
     assert [(one["count"], one["flagged"]) for one in (first, second)] == [(3999, 2000), (3997, 1999)]
     assert select(first["id"], 3998, 0)["id"] == second["id"]
+    assert first["notes"][-1] == "2 pairs were left out by hand."
+    for left_out, code in (([4001], "no_such_pair"), ([*range(4001)], "nothing_left")):
+        refused = engineer.post(f"/correspondence-sets/{row.id}/selections", {"leave_out": left_out})
+        assert (refused.status_code, refused.json()["code"]) == (422, code)
     assert not any("correspondence_set.pairs AS" in one for one in said), "16 MB of a large set"
     kept = [i for i in range(4001) if i not in (0, 1, 3, 4000)]
     pairs = engineer.get(f"/correspondence-sets/{second['id']}").json()["pairs"]
