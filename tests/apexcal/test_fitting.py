@@ -9,6 +9,7 @@ import apexcal
 from apexcal.documents.checks import verdict_of
 from apexcal.documents.fit_requests import fit_request
 from apexcal.errors import InputError
+from tests.faults.jobs import SHORT
 from workers.solver.schedule import run_schedule
 from workers.tasks.run_inputs import read_run
 from workers.tasks.solving import solved
@@ -34,7 +35,7 @@ def truth():
 
 def test_arrays_in_and_the_mount_with_its_lens_out(truth):
     points, pixels, R, t = truth
-    result = apexcal.fit(points, pixels, SIZE)
+    result = apexcal.fit(points, pixels, SIZE, schedule=SHORT)
     turn = Rotation.from_matrix(np.array(result.transform.rotation.matrix) @ R.T).magnitude()
     assert result.status == "ok" and result.checks
     assert np.degrees(turn) < 0.3
@@ -48,7 +49,7 @@ def test_arrays_in_and_the_mount_with_its_lens_out(truth):
 @pytest.mark.parametrize("lens", [(K, D), NAMED])
 def test_a_known_lens_is_locked_in_either_form(truth, lens):
     points, pixels, _, t = truth
-    result = apexcal.fit(points, pixels, SIZE, lens=lens)
+    result = apexcal.fit(points, pixels, SIZE, lens=lens, schedule=SHORT)
     assert result.intrinsics.f_x == 900.0 and result.intrinsics.k1 == -0.21 and result.intrinsics.skew == 0.0
     assert np.linalg.norm(np.array(result.transform.translation_m) - t) < 0.02
 
@@ -57,7 +58,7 @@ def test_it_is_the_workers_own_result(truth):
     """To the bit: what a worker makes of the same request and pairs."""
     points, pixels, *_ = truth
     drawn = np.vstack([np.column_stack([truth[2], truth[3]]), [0, 0, 0, 1]])
-    mine = apexcal.fit(points, pixels, SIZE, "pinhole", T_camera_lidar=drawn, seed=7)
+    mine = apexcal.fit(points, pixels, SIZE, "pinhole", T_camera_lidar=drawn, seed=7, schedule=SHORT)
     columns = dict(zip("xyzuv", np.column_stack([points, pixels]).T.tolist(), strict=True))
     run = read_run(request_of(drawn), -1, columns)
     theirs = solved(run, run_schedule(run.problem)[0])
@@ -68,7 +69,7 @@ def test_it_is_the_workers_own_result(truth):
 def request_of(drawn):
     mount = {"rotation": {"matrix": drawn[:3, :3].tolist()}, "translation_m": drawn[:3, 3].tolist()}
     nominal = {"to_frame": "camera", "from_frame": "lidar", **mount}
-    return fit_request("pinhole", SIZE, nominal, seed=7).model_dump(mode="json")
+    return fit_request("pinhole", SIZE, nominal, seed=7, schedule=SHORT).model_dump(mode="json")
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from apexcal.geometry.se3 import from_document
+from tests.faults.jobs import SHORT
 from tests.workers.solver.rigs import (
     PLAIN,
     best_mean_px,
@@ -68,7 +69,7 @@ def test_pairs_left_out_say_nothing_against_the_search():
 
 @pytest.mark.parametrize("search", SEARCH_FORMS)
 def test_documents_describe_the_same_solution(search):
-    problem, _ = simulated("brown_conrady", 50, search=search, **PLAIN)
+    problem, _ = simulated("brown_conrady", 50, search=search, schedule=SHORT, **PLAIN)
     solution = solve(problem)
     assert solution["search"] == search and set(solution["ga"]["parameters"]) == set(problem.names)
     again = evaluate(solution["intrinsics"], solution["transform"], problem.points, problem.pixels)
@@ -83,9 +84,9 @@ def test_documents_describe_the_same_solution(search):
 
 
 def test_locked_intrinsics_pin_the_rotation():
-    free_problem, truth = simulated("pinhole", 51)
+    free_problem, truth = simulated("pinhole", 51, schedule=SHORT)
     locks = dict(zip(INTRINSICS["pinhole"], truth[6:].tolist(), strict=True))
-    locked_problem, _ = simulated("pinhole", 51, locked=locks)
+    locked_problem, _ = simulated("pinhole", 51, locked=locks, schedule=SHORT)
     free, locked = solve(free_problem), solve(locked_problem)
     assert locked["std"]["rotation_x"] < 0.05
     assert locked["std"]["rotation_x"] < 0.3 * free["std"]["rotation_x"]
@@ -94,7 +95,7 @@ def test_locked_intrinsics_pin_the_rotation():
 
 
 def test_what_the_solution_forbids_counts_with_its_cost():
-    problem, _ = simulated("pinhole", 53)
+    problem, _ = simulated("pinhole", 53, schedule=SHORT)
     solution = solve(problem)
     behind = problem.points[:1] * [-1, 1, 1]
     score = evaluate(solution["intrinsics"], solution["transform"], behind, problem.pixels[:1])

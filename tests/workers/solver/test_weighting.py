@@ -7,6 +7,7 @@ import pytest
 
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.fit_requests import fit_request
+from tests.faults.jobs import SHORT
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import DEFAULT_MODELS
 from workers.geometry.spherical import axes
@@ -131,7 +132,7 @@ def test_few_pairs_may_be_off_by_what_they_state_and_many_say_what_they_share():
 
 @pytest.mark.parametrize("loss", ["mean", "saturating"])
 def test_a_whole_run_by_covariances(loss):
-    problem, truth, _ = unequal("pinhole", 9, loss=loss)
+    problem, truth, _ = unequal("pinhole", 9, loss=loss, schedule=SHORT)
     solution = finish_plain(problem, run_schedule(problem)[0])
     assert (solution["status"], solution["weights"]) == ("ok", "covariances")
     assert solution["noise_scale"] == pytest.approx(1.0, abs=0.15)
