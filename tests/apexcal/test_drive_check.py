@@ -127,8 +127,10 @@ def _rows(rows: dict[str, Any]) -> str:
     return "".join(f"{name}: {' '.join(f'{value:.12e}' for value in values)}\n" for name, values in rows.items())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DATA.exists(), reason="the real recordings are not here")
 def test_a_real_recording_gets_a_verdict_and_a_real_turn_is_found(tmp_path) -> None:
+    """The short form is the simulated drive above: a sound mount and one that is turned by as much."""
     rows = list(csv.DictReader((DATA / "correspondences.csv").read_text().splitlines()))
     points, marks = ([[float(row[name]) for name in names] for row in rows] for names in ("xyz", "uv"))
     info = yaml.safe_load((DATA / "camera_info.yaml").read_text())

@@ -37,7 +37,7 @@ def test_json_of_every_command_is_one_document(embedded: Embedded, owner: Client
     recording = run("upload", simulated / "recording.bag", *walk)["id"]
     region = tmp_path / "region.json"
     run("suggest", recording, "--out", region)
-    detection = run("detect", recording, "--region", region, "--board", "0.6096x0.9144")["id"]
+    detection = run("detect", recording, "--region", region, "--detector", "tolerant")["id"]
     marks = run("marks", detection)
     assert marks["analysis"]["kind"] == "machine_marks" and isinstance(marks["marks"], list)
 

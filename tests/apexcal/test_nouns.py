@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from apexcal.cli import app
 from apexcal.client import Client
-from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 from tests.support.served import Embedded
 
 
@@ -24,7 +24,7 @@ def fleet(embedded: Embedded) -> str:
         vehicle = client.vehicles.create(fleet.id, "Bus 2")
         rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
         of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(200)).id
-        calibration = client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=0)
+        calibration = client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=0, schedule=SHORT)
         client.wait(calibration)
     return fleet.name
 
@@ -71,10 +71,10 @@ def run(embedded: Embedded, *words: str, exit_code: int = 0):
 
 def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str, tmp_path: Path):
     of = ("--fleet", fleet)
-    (tmp_path / "walk.bag").write_text("no bag")
+    (tmp_path / "stroll.bag").write_text("no bag")
     with Client(embedded.url, embedded.token) as client:
         elsewhere = client.vehicles.create(client.fleets.create("Elsewhere").id, "Van 1")
-        client.recordings.upload(tmp_path / "walk.bag", elsewhere.id)
+        client.recordings.upload(tmp_path / "stroll.bag", elsewhere.id)
     (calibration,) = json.loads(ls(embedded, "calibrations", "Bus 2", *of, "--json"))
     for name in (calibration["id"], "Bus 2", "@last"):
         shown = run(embedded, "show", "calibration", name, *of)
@@ -85,7 +85,7 @@ def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str, tmp_
     bus = run(embedded, "show", "vehicle", "Bus 2", *of).stdout
     assert "front: none, work: decision" in bus and calibration["id"] in bus
     for command in ("show", "open", "rm"):
-        for name in ("@last", "walk.bag", "walk"):
+        for name in ("@last", "stroll.bag", "stroll"):
             assert "no recording" in run(embedded, command, "recording", name, *of, exit_code=1).stderr
 
 

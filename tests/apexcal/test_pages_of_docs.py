@@ -1,18 +1,17 @@
 """The pages of the documentation: their Python and `apexcal` blocks run, in order, against one service.
 
-A folder stands for the reader's: `apexcal serve` works on its `var/apexcal`, and the commands run inside it as they
-stand on the page. Ids, which a reader takes from what was printed before, are taken from there.
+A folder stands for the reader's. Its `var/apexcal` is that of the service which all tests of commands ask. They run
+inside it as they stand on the page. Ids, which a reader takes from what was printed before, are taken from there.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import re
 import shlex
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,7 +31,7 @@ from service.admin.__main__ import app as admin
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import SHORT
 from tests.support import walks
-from tests.support.served import Embedded, start, stop
+from tests.support.served import Embedded
 from workers.simulation.options import parser as simulation_parser
 
 ROOT = Path(__file__).parents[2]
@@ -257,16 +256,12 @@ _PROGRAMS = ("sh", "python", "")
 
 
 @pytest.fixture(scope="module")
-def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
-    folder, here = tmp_path_factory.mktemp("reader"), Path.cwd()
-    os.chdir(folder)
-    service = start(folder / "var" / "apexcal", "--workers", "1")
-    try:
-        with Client(service.url, service.token) as client, ExitStack() as opened:
-            yield Reader(service, client, folder, walks.walk("practice"), opened)
-    finally:
-        stop(service)
-        os.chdir(here)
+def reader(embedded: Embedded, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
+    folder = tmp_path_factory.mktemp("reader")
+    (folder / "var").mkdir()
+    (folder / "var" / "apexcal").symlink_to(embedded.data)
+    with chdir(folder), Client(embedded.url, embedded.token) as client, ExitStack() as opened:
+        yield Reader(embedded, client, folder, walks.walk("practice"), opened)
 
 
 @pytest.mark.parametrize("page", PAGE_SETUPS)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from apexcal.cli import app
 from apexcal.client import ApiError, Client
 from apexcal.documents.checks import Check
-from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 from tests.support.served import Embedded
 
 
@@ -38,7 +38,7 @@ def car(embedded: Embedded) -> Car:
         rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
         of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(200)).id
         asked = [
-            client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, **request)
+            client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, schedule=SHORT, **request)
             for request in ({"bounds": {"f_x": [520.0, 700.0]}}, {"seed": 1}, {"seed": 2})
         ]
         edge, *good = [_result(client.wait(one)) for one in asked]

@@ -114,9 +114,9 @@ def words_of(walk: Path, served: Embedded, fleet: str, out: Path) -> tuple[str, 
     return str(walk / "recording.bag"), *named, "-o", str(out)
 
 
-def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedded, short, tmp_path):
+def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedded, simulated, tmp_path):
     out = tmp_path / "out.urdf"
-    with started(*words_of(short, embedded, "Stopped", out)) as solving:
+    with started(*words_of(simulated, embedded, "Stopped", out), "--looks", "front=forward") as solving:
         detection, camera = waits_at(solving)
         solving.send_signal(signal.SIGINT)
         _, printed = solving.communicate()
