@@ -44,21 +44,25 @@ def is_mount(camera) -> bool:
 
 
 RADTAN = ("brown_conrady", K, [-0.1, 0.02, 0.001, 0.002, 0.0], (640, 480))
+UNDISTORTED = ("brown_conrady", K, [0.0] * 5, (640, 480))
 FISHEYE = ("kannala_brandt", K, [0.1, 0.02, 0.003, 0.0004], (640, 480))
 RATIONAL = ("rational_polynomial", K, [0.1, 0.02, 0.001, 0.002, 0.03, 0.4, 0.05, 0.006], (640, 480))
 FOCALS = "  fx: 500.0\n  fy: 510.0\n  cx: 320.0\n  cy: 240.0\n"
 PLUMB = {"k1": -0.1, "k2": 0.02, "p1": 0.001, "p2": 0.002}
 FOUR = {"k1": 0.1, "k2": 0.02, "k3": 0.003, "k4": 0.0004}
-PINHOLE = {"fx": 500.0, "fy": 510.0, "cx": 320.0, "cy": 240.0}
+FOCAL = {"fx": 500.0, "fy": 510.0}
+PINHOLE = FOCAL | {"cx": 320.0, "cy": 240.0}
 WIDE = {"width": 640, "height": 480}
+MATRIX = np.reshape(K, (3, 3)).tolist()
+MATLAB = {"RadialDistortion": [-0.1, 0.02], "TangentialDistortion": [0.001, 0.002], "ImageSize": [480, 640]}
+OPEN3D = WIDE | {"intrinsic_matrix": np.transpose(MATRIX).ravel().tolist()}
+D = [-0.1, 0.02, 0.001, 0.002, 0.0]
 SHARED = "Camera.width: 640\nCamera.height: 480\n"
 
 
 def orb(prefix, kind, terms) -> str:
     lines = [f'Camera.type: "{kind}"' if kind else "", SHARED.strip(), "Viewer.PointSize:2"]
-    lines += [
-        f"{prefix}.{name}: {value}" for name, value in dict(fx=500.0, fy=510.0, cx=320.0, cy=240.0, **terms).items()
-    ]
+    lines += [f"{prefix}.{name}: {value}" for name, value in (PINHOLE | terms).items()]
     return "%YAML:1.0\n\n" + "\n".join(lines) + "\n"
 
 
@@ -82,7 +86,7 @@ LENSES = {
     "ORB-SLAM2": (orb("Camera", "", PLUMB), RADTAN),
     "ORB-SLAM3 pinhole": (orb("Camera1", "PinHole", PLUMB | {"k3": 0.0}), RADTAN),
     "ORB-SLAM3 fisheye": (orb("Camera1", "KannalaBrandt8", FOUR), FISHEYE),
-    "ORB-SLAM3 rectified": (orb("Camera1", "Rectified", {}), ("brown_conrady", K, [0.0] * 5, (640, 480))),
+    "ORB-SLAM3 rectified": (orb("Camera1", "Rectified", {}), UNDISTORTED),
     "stella_vslam fisheye": (
         f"Camera:\n  model: fisheye\n  name: mono\n{FOCALS}  k1: 0.1\n  k2: 0.02\n  k3: 0.003\n  k4: 0.0004\n"
         "  cols: 640\n  rows: 480\nViewer: {point_size: 2}\n",
@@ -129,8 +133,8 @@ LENSES = {
     ),
     "livox_camera_calib": (
         "%YAML:1.0\n\n"
-        + opencv_matrix("CameraMat", np.reshape(K, (3, 3)))
-        + opencv_matrix("DistCoeffs", [-0.1, 0.02, 0.001, 0.002, 0.0]).replace("data: ", "data:")
+        + opencv_matrix("CameraMat", MATRIX)
+        + opencv_matrix("DistCoeffs", D).replace("data: ", "data:")
         + SHARED,
         RADTAN,
     ),
@@ -141,14 +145,7 @@ LENSES = {
         RADTAN,
     ),
     "a script's tolist": (
-        json.dumps(
-            {
-                "mtx": np.reshape(K, (3, 3)).tolist(),
-                "dist": [[-0.1, 0.02, 0.001, 0.002, 0.0]],
-                "width": 640,
-                "height": 480,
-            }
-        ),
+        json.dumps(WIDE | {"mtx": MATRIX, "dist": [D]}),
         RADTAN,
     ),
     "eight coefficients called plumb_bob": (
@@ -157,26 +154,14 @@ LENSES = {
         RATIONAL,
     ),
     "MATLAB before R2022b": (
-        json.dumps(
-            {
-                "IntrinsicMatrix": [[500, 0, 0], [0, 510, 0], [321, 241, 1]],
-                "RadialDistortion": [-0.1, 0.02],
-                "TangentialDistortion": [0.001, 0.002],
-                "ImageSize": [480, 640],
-            }
-        ),
+        json.dumps(MATLAB | {"IntrinsicMatrix": [[500, 0, 0], [0, 510, 0], [321, 241, 1]]}),
         RADTAN,
     ),
     "MATLAB's cameraIntrinsics": (
         json.dumps(
-            {
-                "FocalLength": [500, 510],
-                "PrincipalPoint": [321, 241],
-                "RadialDistortion": [-0.1, 0.02, 0.0],
-                "TangentialDistortion": [0.001, 0.002],
-                "ImageSize": [480, 640],
-                "K": [[500, 0, 321], [0, 510, 241], [0, 0, 1]],
-            }
+            MATLAB
+            | {"FocalLength": [500, 510], "PrincipalPoint": [321, 241], "RadialDistortion": [-0.1, 0.02, 0.0]}
+            | {"K": [[500, 0, 321], [0, 510, 241], [0, 0, 1]]}
         ),
         RADTAN,
     ),
@@ -185,12 +170,7 @@ LENSES = {
             {
                 "value0": {
                     "T_imu_cam": [{"px": 0, "py": 0, "pz": 0, "qx": 0, "qy": 0, "qz": 0, "qw": 1}],
-                    "intrinsics": [
-                        {
-                            "camera_type": "kb4",
-                            "intrinsics": PINHOLE | FOUR,
-                        }
-                    ],
+                    "intrinsics": [{"camera_type": "kb4", "intrinsics": PINHOLE | FOUR}],
                     "resolution": [[640, 480]],
                 }
             }
@@ -198,30 +178,12 @@ LENSES = {
         FISHEYE,
     ),
     "RealSense": (
-        json.dumps(
-            {
-                "width": 640,
-                "height": 480,
-                "fx": 500.0,
-                "fy": 510.0,
-                "ppx": 320.0,
-                "ppy": 240.0,
-                "model": "brown_conrady",
-                "coeffs": [-0.1, 0.02, 0.001, 0.002, 0.0],
-            }
-        ),
+        json.dumps(WIDE | FOCAL | {"ppx": 320.0, "ppy": 240.0, "model": "brown_conrady", "coeffs": D}),
         RADTAN,
     ),
     "Open3D, said to be undistorted": (
-        json.dumps(
-            {
-                "width": 640,
-                "height": 480,
-                "distortion_model": "none",
-                "intrinsic_matrix": [500.0, 0, 0, 0, 510.0, 0, 320.0, 240.0, 1.0],
-            }
-        ),
-        ("brown_conrady", K, [0.0] * 5, (640, 480)),
+        json.dumps(OPEN3D | {"distortion_model": "none"}),
+        UNDISTORTED,
     ),
     "Kimera": (
         "%YAML:1.0\n# General sensor definitions.\ncamera_id: left_cam\n\nT_BS:\n  cols: 4\n  rows: 4\n"
@@ -240,17 +202,9 @@ LENSES = {
     ),
     "nerfstudio": (
         json.dumps(
-            {
-                "camera_model": "OPENCV_FISHEYE",
-                "w": 640,
-                "h": 480,
-                "fl_x": 500.0,
-                "fl_y": 510.0,
-                "cx": 320.0,
-                "cy": 240.0,
-                **FOUR,
-                "frames": [{"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}] * 3,
-            }
+            FOUR
+            | {"camera_model": "OPENCV_FISHEYE", "w": 640, "h": 480, "fl_x": 500.0, "fl_y": 510.0}
+            | {"cx": 320.0, "cy": 240.0, "frames": [{"transform_matrix": np.eye(4).tolist()}] * 3}
         ),
         FISHEYE,
     ),
@@ -260,7 +214,7 @@ LENSES = {
     ),
     "RealSense, without distortion": (
         json.dumps({"color": {**PINHOLE, "model": "distortion.inverse_brown_conrady", "coeffs": [0.0] * 5, **WIDE}}),
-        ("brown_conrady", K, [0.0] * 5, (640, 480)),
+        UNDISTORTED,
     ),
     "FAST-LIVO2 for ROS 2": (
         "/**:\n  ros__parameters:\n    cam_model: Pinhole\n    cam_width: 640\n    cam_height: 480\n    scale: 0.5\n"
@@ -300,7 +254,6 @@ def ros_transform(parent, child, T) -> str:
     )
 
 
-D = [-0.1, 0.02, 0.001, 0.002, 0.0]
 CALIBRATED = f"{SIZE}camera_matrix: {K}\ndistortion_model: plumb_bob\ndistortion_coefficients: {D}\n"
 MOUNTS = {
     "FAST-Calib, several scenes": (
@@ -333,12 +286,7 @@ MOUNTS = {
     ),
     "a pose in a file whose name has its direction": (
         "lidar_to_camera.json",
-        json.dumps(
-            {
-                "translation": dict(zip("xyz", T_CAMERA_LIDAR[:3, 3].tolist(), strict=True)),
-                "rotation": TURN.tolist(),
-            }
-        ),
+        json.dumps({"translation": dict(zip("xyz", T_CAMERA_LIDAR[:3, 3], strict=True)), "rotation": TURN.tolist()}),
     ),
     "Apollo": ("front_6mm_extrinsics.yaml", ros_transform("velodyne128", "front_6mm", T_LIDAR_CAMERA)),
     "tf2's echo": (
@@ -411,30 +359,16 @@ ASKED = {
         ["no distortion under a known name", "K, width, height", "distortion_model: none"],
     ),
     "Open3D": (
-        json.dumps({"width": 640, "height": 480, "intrinsic_matrix": [500.0, 0, 0, 0, 510.0, 0, 320.0, 240.0, 1.0]}),
+        json.dumps(OPEN3D),
         ["no distortion under a known name", "intrinsic_matrix"],
     ),
     "Waymo": (
-        json.dumps(
-            {
-                "name": "FRONT",
-                "intrinsic": [2000.0, 2000.0, 960.0, 640.0, 0.03, -0.3, 0.001, 0.001, 0.0],
-                "width": 1920,
-                "height": 1280,
-            }
-        ),
+        json.dumps({"name": "FRONT", "intrinsic": [2000.0, 2000.0, 960.0, 640.0, 0.03, *[0.0] * 4], **WIDE}),
         ["has no camera matrix", "name (FRONT), intrinsic, width, height"],
     ),
     "Argoverse": (
         json.dumps(
-            {
-                "camera_data_": [
-                    {
-                        "key": "ring",
-                        "value": {"focal_length_x_px_": 1400.0, "distortion_coefficients_": [-0.1, 0.1, 0]},
-                    }
-                ]
-            }
+            {"camera_data_": [{"key": "ring", "value": {"focal_length_x_px_": 1400.0, "distortion_": [0.1]}}]}
         ),
         ["has no camera matrix", "camera_data_.0.value.focal_length_x_px_"],
     ),
@@ -477,22 +411,12 @@ ASKED = {
     ),
     "A2D2": (
         json.dumps(
-            {
-                "cameras": {
-                    "front": {
-                        "CamMatrix": np.reshape(K, (3, 3)).tolist(),
-                        "CamMatrixOriginal": [[600, 0, 330], [0, 600, 240], [0, 0, 1]],
-                        "Distortion": [[0.1, 0, 0, 0, 0]],
-                    }
-                }
-            }
+            {"CamMatrix": MATRIX, "CamMatrixOriginal": [[600, 0, 330], [0, 600, 240], [0, 0, 1]], "Distortion": [D]}
         ),
         ["several camera matrices: CamMatrix, CamMatrixOriginal"],
     ),
     "nuScenes": (
-        json.dumps(
-            [SENSOR | {"camera_intrinsic": np.reshape(K, (3, 3)).tolist()}, SENSOR | {"camera_intrinsic": []}]
-        ),
+        json.dumps([SENSOR | {"camera_intrinsic": MATRIX}, SENSOR | {"camera_intrinsic": []}]),
         ["poses or names of nuScenes' sensors, not both", "sensor.json together"],
     ),
     "VINS' main file": (

@@ -183,33 +183,18 @@ def test_what_sensors_calibration_writes():
     turned = [[0.0, -1.0, 0.0, 0.1], [0.0, 0.0, -1.0, 0.2], [1.0, 0.0, 0.0, 0.3], [0.0, 0.0, 0.0, 1.0]]
     between = {"sensor_name": "top_lidar", "target_sensor_name": "front", "param_type": "extrinsic"}
     lens = {"sensor_name": "front", "target_sensor_name": "front", "param_type": "intrinsic"}
-    rows = [K[:3], K[3:6], K[6:]]
+    size = {"img_dist_w": 640, "img_dist_h": 480}
+    terms = {"cam_K": {"data": [K[:3], K[3:6], K[6:]]}, "cam_dist": {"data": [[-0.1, 0.1, 0.001, 0.002]]}}
     files = {
         "a.json": json.dumps(
             {"top_lidar-to-front-extrinsic": {**between, "param": {"sensor_calib": {"data": turned}}}}
         ),
-        "b.json": json.dumps(
-            {
-                "front-intrinsic": {
-                    **lens,
-                    "param": {
-                        "img_dist_w": 640,
-                        "img_dist_h": 480,
-                        "cam_K": {"data": rows},
-                        "cam_dist": {"data": [[-0.1, 0.1, 0.001, 0.002]]},
-                    },
-                }
-            }
-        ),
+        "b.json": json.dumps({"front-intrinsic": {**lens, "param": {**size, **terms}}}),
     }
     contents = read(files)
     (camera,) = contents.cameras
-    assert (contents.format, camera.name, camera.lens.K, camera.lens.width) == (
-        "sensors_calibration",
-        "front",
-        K,
-        640,
-    )
+    assert (contents.format, camera.name) == ("sensors_calibration", "front")
+    assert (camera.lens.K, camera.lens.width) == (K, 640)
     assert camera.T_camera_lidar.from_frame == "top_lidar" and (matrix(camera.T_camera_lidar) == turned).all()
 
 
