@@ -41,7 +41,7 @@ def pairs_of_truth(track: Track, count: int) -> list[dict[str, float]]:
 
 def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, str], Page], track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Sledge", 40, vertices=1)
-    wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended"}
+    wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended", "schedule": SHORT}
     done = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted))
     page = sign_in("Rex", "reviewer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
@@ -90,7 +90,7 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
 def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str], Page], track: Track) -> None:
     """With the keyboard alone: from the list of what the camera was given to what it had before."""
     vehicle, pairs_of_one = add_cart(track, "Wagon", 60)
-    wanted = {"models": ["pinhole"], "folds": 3, "publish": "recommended"}
+    wanted = {"models": ["pinhole"], "folds": 3, "publish": "recommended", "schedule": SHORT}
     first, second = (
         track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], seed=seed, **wanted))
         for seed in (1, 2)

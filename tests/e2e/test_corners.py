@@ -1,21 +1,21 @@
 """Marking several corners of the board in one frame."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import BOARD, Track, recorded
 from tests.e2e.marking import Marker
+from tests.support.walks import walk
 
 SignIn = Callable[[str, str], Page]
 
 
 @pytest.fixture
-def sized(track: Track, simulated: Path) -> Track:
-    """A recording of its own, with a detection that was told the board's size."""
-    return recorded(track.owner, track.fleet_id, "Cart with a board of known size", simulated, **BOARD)
+def sized(track: Track) -> Track:
+    """A short recording of its own, with a detection that was told the board's size."""
+    return recorded(track.owner, track.fleet_id, "Cart with a board of known size", walk("short"), **BOARD)
 
 
 def test_two_corners_of_a_frame_are_marked_one_after_the_other(sign_in: SignIn, sized: Track) -> None:

@@ -17,6 +17,7 @@ from tests.e2e.effort import Effort, count_effort, effort_of
 from tests.e2e.looks import assert_fits
 from tests.e2e.marking import Marker
 from tests.e2e.test_calibrating import add_cart
+from tests.faults.jobs import SHORT
 
 Visit = Callable[..., Page]
 LAPTOP: dict[str, Any] = {"viewport": {"width": 1280, "height": 800}}
@@ -65,6 +66,8 @@ def test_an_annotator_comes_to_work_by_one_click(visit: Visit, track: Track, dev
     page.goto(f"{track.url}/detections/{track.detection_id}/mark?camera=front")
     marker = Marker(page, track)
     marker.ready()
+    if touches:
+        assert_in_reach_of_a_thumb(page)
     before, first = effort_of(page), marker.vertex
     if touches:
         marker.view().tap(position={"x": 150, "y": 120})
@@ -81,10 +84,8 @@ def test_an_annotator_comes_to_work_by_one_click(visit: Visit, track: Track, dev
     assert cost.clicks + cost.keys == 2
 
 
-def test_a_thumb_reaches_what_it_needs_without_scrolling(visit: Visit, track: Track) -> None:
-    page = visit("Thea", "annotator", PHONE)
-    page.goto(f"{track.url}/detections/{track.detection_id}/mark?camera=front")
-    Marker(page, track).ready()
+def assert_in_reach_of_a_thumb(page: Page) -> None:
+    """What marking needs is there without scrolling."""
     assert_fits(page)
     names = ("Save mark", "Reject", "Unsure", "Skip", "Undo", "left", "up", "down", "right")
     for part in (page.locator(".asked"), *(page.get_by_role("button", name=name) for name in names)):
@@ -105,7 +106,7 @@ def test_a_laptop_at_twice_the_size_shows_a_frame_to_mark(visit: Visit, track: T
 
 def test_an_operator_sees_which_cars_wait_for_a_decision_by_one_click(visit: Visit, track: Track) -> None:
     vehicle, pairs = add_cart(track, "Undecided", 40, vertices=1)
-    wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended"}
+    wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended", "schedule": SHORT}
     track.owner.wait(track.owner.calibrations.create(vehicle, [pairs], **wanted))
     page = visit("Otis", "viewer", LAPTOP)
     before = effort_of(page)

@@ -121,32 +121,6 @@ def test_reject_unsure_skip_and_undo_by_keys(sign_in: SignIn, track: Track) -> N
     assert (mark["u"], mark["v"]) == pytest.approx((u, v), abs=0.51)
 
 
-def test_no_answer_tells_another_persons_mark_before_the_own_one(sign_in: SignIn, track: Track) -> None:
-    fay, gus = Marker(sign_in("Fay", "annotator"), track), Marker(sign_in("Gus", "annotator"), track)
-    fay.open()
-    vertex = fay.vertex
-    fay.click(0.37, 0.45)
-    fay.save()
-    stored = fay.own_marks()[vertex]["mark"]
-    person = fay.page.request.get(f"{track.url}/v1/me").json()["id"]
-    gus.open()
-    while gus.vertex != vertex:
-        gus.save("u")
-    gus.save("r")
-    gus.undo()
-    assert gus.vertex == vertex
-    gus.click(0.6, 0.6)
-    assert gus.save()["reviewed"] is False
-    for page in ("marks?camera=front&limit=5000", "progress?camera=front", "tally?camera=front", "vertices"):
-        gus.page.evaluate(
-            "url => fetch(url).then((answer) => answer.text())", f"/v1/detections/{track.detection_id}/{page}"
-        )
-    told = gus.received()
-    assert len(told) > 10
-    for secret in (str(stored["u"])[:8], str(stored["v"])[:8], person, "Fay"):
-        assert not [text for text in told if secret in text]
-
-
 def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in: SignIn, track: Track) -> None:
     hal = Marker(sign_in("Hal", "annotator"), track)
     hal.open()
