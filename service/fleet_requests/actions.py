@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import partial
@@ -31,6 +32,8 @@ from service.platform.observability import request_ids
 _MOST_VEHICLES = 5000
 # Vehicles whose calibrations one transaction makes: 50 ms, in which SQLite lets nobody else write.
 _PART = 50
+# Several services plan one request: each begins at one of so many places, so that few plan the same vehicles.
+_PLACES = 8
 _SHOWN = 100
 _EXAMPLES = 12
 _REPEATED = (VehicleState.FAILED, VehicleState.CANCELLED)
@@ -91,7 +94,8 @@ def make_parts(database: Database) -> None:
 
 def _make_part(database: Database, request_id: UUID) -> None:
     with database.reading() as session:
-        planned = _plan_part(session, session.get_one(FleetRequest, request_id))
+        row = session.get_one(FleetRequest, request_id)
+        planned = _plan_part(session, row, secrets.randbelow(_PLACES)) or _plan_part(session, row)
     # Planning takes most of the time, and nobody waits for it: SQLite has one writer.
     with database.writing() as session:
         row = session.get_one(FleetRequest, request_id)
@@ -169,13 +173,14 @@ def _hold(session: Session, row: FleetRequest) -> None:
     session.refresh(row, with_for_update={"key_share": True})
 
 
-def _plan_part(session: Session, row: FleetRequest) -> list[VehiclePlan]:
-    """Plan the calibrations of the next vehicles of a request that lack one."""
+def _plan_part(session: Session, row: FleetRequest, place: int = 0) -> list[VehiclePlan]:
+    """Plan the calibrations of some vehicles of a request that lack one; so many parts are left to others."""
     due = (
         select(Vehicle.id, Vehicle.name)
         .join(FleetRequestVehicle, Vehicle.id == FleetRequestVehicle.vehicle_id)
         .where(FleetRequestVehicle.fleet_request_id == row.id, _IS_DUE)
         .order_by(FleetRequestVehicle.id)
+        .offset(place * _PART)
         .limit(_PART)
     )
     names = dict(iter(session.execute(due)))

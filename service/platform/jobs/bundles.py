@@ -78,8 +78,8 @@ def choose_farming(farm: str, *, slots: int, cost: RunCost, waiting_runs: int, w
         farm: ``slots`` is one slot a job; ``runs`` is one run a job where that is not too long; ``auto`` decides.
         slots: slots of one iteration.
         cost: see :func:`service.platform.jobs.bundles.run_cost`.
-        waiting_runs: runs that are there to be worked on, this one and its calibration's others included. Side by side
-            these end sooner than their slots would, also on idle processes (`make bench-latency`).
+        waiting_runs: runs that are there to be worked on, this one and its calibration's others included. These end
+            sooner side by side than slot by slot, also on idle processes (`make bench-latency`).
         workers: pool processes of the farm.
     """
     if farm == "slots":

@@ -262,5 +262,32 @@ def test_a_large_request_is_made_in_parts_between_which_others_write(api, vans: 
     assert (ended["state"], ended["counts"]["cancelled"], made()) == ("cancelled", 7, 8)
 
 
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_services_that_plan_one_request_at_once_share_its_vehicles(api, vans: Vans, monkeypatch):
+    monkeypatch.setattr(actions, "_PART", 1)
+    monkeypatch.setattr("service.app.make_parts", lambda database: None)  # this test goes on by itself
+    for n in range(61):
+        vans.add(f"van {n}", 40)
+    vans.ask({"name": "van *"})
+    planned: list[str] = []
+    plan, both = actions.plan_vehicles, threading.Barrier(2)
+
+    def plan_beside_another(session, template, chosen):
+        planned.extend(each.name for each in chosen)
+        return plan(session, template, chosen)
+
+    def go_on():
+        both.wait()
+        actions.make_parts(api.database)
+
+    monkeypatch.setattr(actions, "plan_vehicles", plan_beside_another)
+    with ThreadPoolExecutor() as pool:
+        for done in [pool.submit(go_on) for _ in range(2)]:
+            done.result(timeout=120)
+    with api.database.reading() as session:
+        assert session.scalar(select(func.count()).select_from(Calibration)) == 61
+    assert len(planned) < 96, "not each vehicle twice"
+
+
 def _items(vans: Vans, asked):
     return vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles").json()["items"]
