@@ -32,8 +32,8 @@ from service.platform.observability import request_ids
 _MOST_VEHICLES = 5000
 # Vehicles whose calibrations one transaction makes: 50 ms, in which SQLite lets nobody else write.
 _PART = 50
-# Several services plan one request: each begins at one of so many places, so that few plan the same vehicles.
-_PLACES = 8
+# Several services plan one request. Each plans one of its next parts, so that few plan the same vehicles.
+_NEXT_PARTS = 8
 _SHOWN = 100
 _EXAMPLES = 12
 _REPEATED = (VehicleState.FAILED, VehicleState.CANCELLED)
@@ -95,7 +95,7 @@ def make_parts(database: Database) -> None:
 def _make_part(database: Database, request_id: UUID) -> None:
     with database.reading() as session:
         row = session.get_one(FleetRequest, request_id)
-        planned = _plan_part(session, row, secrets.randbelow(_PLACES)) or _plan_part(session, row)
+        planned = _plan_part(session, row, secrets.randbelow(_NEXT_PARTS)) or _plan_part(session, row)
     # Planning takes most of the time, and nobody waits for it: SQLite has one writer.
     with database.writing() as session:
         row = session.get_one(FleetRequest, request_id)
@@ -173,14 +173,14 @@ def _hold(session: Session, row: FleetRequest) -> None:
     session.refresh(row, with_for_update={"key_share": True})
 
 
-def _plan_part(session: Session, row: FleetRequest, place: int = 0) -> list[VehiclePlan]:
-    """Plan the calibrations of some vehicles of a request that lack one; so many parts are left to others."""
+def _plan_part(session: Session, row: FleetRequest, parts_before: int = 0) -> list[VehiclePlan]:
+    """Plan the calibrations of some vehicles of a request that lack one. The parts before are left to others."""
     due = (
         select(Vehicle.id, Vehicle.name)
         .join(FleetRequestVehicle, Vehicle.id == FleetRequestVehicle.vehicle_id)
         .where(FleetRequestVehicle.fleet_request_id == row.id, _IS_DUE)
         .order_by(FleetRequestVehicle.id)
-        .offset(place * _PART)
+        .offset(parts_before * _PART)
         .limit(_PART)
     )
     names = dict(iter(session.execute(due)))
