@@ -102,8 +102,7 @@ class Plant(Fleet):
     def wait_ready(self) -> None:
         """Wait until the service says that it works, and every worker has its pool."""
         wait_until(self._ready, "the start of the plant", _START_S)
-        pools = "the start of the workers' pools"
-        wait_until(lambda: all(len(self.pool_of(name)) >= POOL for name in WORKERS), pools, _START_S)
+        wait_until(self._has_pools, "the start of the workers' pools", _START_S)
 
     def store(self) -> Store:
         """The store, for looking at it from outside."""
@@ -144,6 +143,10 @@ class Plant(Fleet):
 
     def _host(self, part: str) -> Host | None:
         return self.hosts.get(_ELSEWHERE.get(part, ""))
+
+    def _has_pools(self) -> bool:
+        self.watch()  # a worker may be what was struck last
+        return not any(map(self.is_dead, WORKERS)) and all(len(self.pool_of(name)) >= POOL for name in WORKERS)
 
     def _ready(self) -> bool:
         self.watch()
