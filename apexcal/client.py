@@ -19,10 +19,10 @@ from apexcal.documents.analyses import AnalysisView
 from apexcal.documents.calibrations import CalibrationView, ProgressView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleet_requests import FleetRequestView
-from apexcal.documents.jobs import JobProgress, JobView
+from apexcal.documents.jobs import JobProgress, JobView, ProblemView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
-from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
+from apexcal.errors import ApiError, ClientError, InputError, TokenError, UnreachableError
 from apexcal.resources.analyses import Analyses
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import DetectionRuns
@@ -52,6 +52,21 @@ Work = TypeVar("Work", bound=AnalysisView | DetectionView | CalibrationView | Fl
 # A fleet request with failed vehicles has ended normally; its counts say how many failed.
 _ENDED_WELL = ("ready", "done", "done_with_failures")
 _ENDED_BADLY = ("failed", "cancelled")
+
+
+class FailedError(ClientError):
+    """Long work ended in failure; ``problem`` is the reason that the service gives."""
+
+    def __init__(self, what: str, state: str, problem: ProblemView | None) -> None:
+        self.state = state
+        self.problem = problem.model_dump(mode="json", exclude_unset=True) if problem else {}
+        self.code = str(self.problem.get("code") or state)
+        reason = self.problem.get("detail") or self.problem.get("message") or self.problem.get("title")
+        super().__init__(f"{what} {state}" + (f": {reason}" if reason else ""), str(self.problem.get("hint") or ""))
+
+
+class TooSlowError(ClientError):
+    """Long work did not end within the time that the caller allowed. It goes on."""
 
 
 class Client:

@@ -1,11 +1,9 @@
-"""Errors between client and service, each with a sentence and a hint."""
+"""Errors between client and service, each with a sentence and a hint. As `http_rules`, for Python 3.8."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
-
-from apexcal.documents.jobs import ProblemView
 
 
 class ClientError(Exception):
@@ -74,21 +72,6 @@ class TokenError(ClientError):
             f"{origin} is no token: a token has only ASCII letters, digits and signs, and no spaces",
             "Copy it again as it was shown; it begins with apx_.",
         )
-
-
-class FailedError(ClientError):
-    """Long work ended in failure; ``problem`` is the reason that the service gives."""
-
-    def __init__(self, what: str, state: str, problem: ProblemView | None) -> None:
-        self.state = state
-        self.problem = problem.model_dump(mode="json", exclude_unset=True) if problem else {}
-        self.code = str(self.problem.get("code") or state)
-        reason = self.problem.get("detail") or self.problem.get("message") or self.problem.get("title")
-        super().__init__(f"{what} {state}" + (f": {reason}" if reason else ""), str(self.problem.get("hint") or ""))
-
-
-class TooSlowError(ClientError):
-    """Long work did not end within the time that the caller allowed. It goes on."""
 
 
 def as_sentence(text: str) -> str:

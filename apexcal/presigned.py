@@ -14,11 +14,11 @@ import httpx
 
 from apexcal.documents.recordings import PartAddress, PartView
 from apexcal.errors import ApiError, UnreachableError
+from apexcal.http_rules import BUSY, PAUSES_S, ask_again
 from apexcal.transport import TIMEOUT, HttpTransport, at
 
-_PAUSES_S = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
-# The address has ended, the bytes were damaged on their way, or the store is away or busy.
-_AGAIN = (400, 403, 408, 429, 500, 502, 503, 504)
+# The bytes were damaged on their way, or the store is away or busy.
+_AWAY = (*BUSY, 400, 500)
 _CAN_IT = (
     "Can this machine reach that address? The operator can let the bytes go through the service instead "
     "(APEXCAL_UPLOADS=api, APEXCAL_DOWNLOADS=api)."
@@ -51,7 +51,7 @@ class PresignedStore:
         """Put a part of a recording into the store and tell the service. Raises UnreachableError, ApiError."""
         path = at("recordings", recording_id, "parts", number)
         announced = {"size": len(data), "sha256": digest.hex()}
-        for pause_s in (*_PAUSES_S, None):
+        for pause_s in (*PAUSES_S, None):
             address = self._service.post(f"{path}/address", PartAddress, announced)
             if address.part or self._put(path, address, data, last=pause_s is None):
                 return
@@ -60,21 +60,17 @@ class PresignedStore:
     def get(self, url: str, start: int, length: int) -> bytes:
         """A range of an object. Raises UnreachableError, EndedAddressError."""
         headers = {"Range": f"bytes={start}-{start + length - 1}"}
-        for pause_s in (*_PAUSES_S, None):
-            try:
-                response = self._http.get(url, headers=headers)
-            except httpx.TransportError as error:
-                if pause_s is None:
-                    raise _unreachable(url, str(error)) from error
-            else:
-                if response.status_code == httpx.codes.PARTIAL_CONTENT and len(response.content) == length:
-                    return response.content
-                if response.status_code == httpx.codes.FORBIDDEN:
-                    raise EndedAddressError(url)
-                if pause_s is None or response.status_code not in _AGAIN:
-                    raise _unreachable(url, f"it answered {response.status_code}")
-            time.sleep(pause_s)
-        raise AssertionError("the last pause is None")
+        try:
+            response: httpx.Response = ask_again(
+                lambda: self._http.get(url, headers=headers), (httpx.TransportError,), PAUSES_S, _AWAY
+            )
+        except httpx.TransportError as error:
+            raise _unreachable(url, str(error)) from error
+        if response.status_code == httpx.codes.FORBIDDEN:
+            raise EndedAddressError(url)
+        if response.status_code != httpx.codes.PARTIAL_CONTENT or len(response.content) != length:
+            raise _unreachable(url, f"it answered {response.status_code}")
+        return response.content
 
     def _put(self, path: str, address: PartAddress, data: bytes, *, last: bool) -> bool:
         """Whether the part is acknowledged; False where it is to be tried again. The ``last`` try raises instead."""
@@ -89,7 +85,7 @@ class PresignedStore:
                 raise _unreachable(url, str(error)) from error
             return False
         if not response.is_success:
-            if last or response.status_code not in _AGAIN:
+            if last or response.status_code not in (*_AWAY, httpx.codes.FORBIDDEN):
                 raise _unreachable(url, f"it answered {response.status_code}")
             return False
         try:

@@ -6,25 +6,32 @@
 from __future__ import annotations
 
 import argparse
-import base64
-import hashlib
 import http.client
 import json
 import os
-import random
-import re
 import ssl
 import sys
-import time
 import urllib.error
 import urllib.request
 import uuid
-from email.utils import parsedate_to_datetime
 from pathlib import Path
-from typing import Any, NoReturn
-from urllib.parse import quote, urlencode, urlsplit
+from typing import Any, NamedTuple, NoReturn
+from urllib.parse import quote, urlencode
 
 from apexcal.archives import read_archive
+from apexcal.errors import ApiError, ClientError, ForeignAnswerError, InputError, UnreachableError, as_sentence
+from apexcal.http_rules import (
+    BUSY,
+    PAUSES_S,
+    ask_again,
+    check_document,
+    is_token,
+    may_leave,
+    problem_of,
+    read_whole,
+    refuse_redirect,
+    split_address,
+)
 from apexcal.kept_file import KeptFile, replace_folder
 
 FAILED, USAGE, UNREACHABLE, NOTHING_KEPT, WITHDRAWN, OTHER_SENSORS, FOREIGN = 1, 2, 3, 4, 5, 6, 7
@@ -33,14 +40,8 @@ REFUSED = {
     "calibration_deleted": WITHDRAWN,
     "calibration_does_not_apply": OTHER_SENSORS,
 }
-# Of every client of ours: apexcal.transport takes these from here.
-PAUSES_S = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 8.0)
-BUSY = (408, 429, 502, 503, 504)
-# A longer wait is the caller's to decide.
-LONGEST_WAIT_S = 30.0
-# The export of a vehicle of 100 cameras has less than 1 MB.
-LONGEST_ANSWER = 16 * 2**20
-_INPUT_CODES = ("invalid_request", "invalid_options", "unknown_format")
+# What is no problem document has this one.
+_NO_CODE = "unknown"
 _EXIT_CODES = (
     "Exit codes: 0 the file is current; 1 the service refused, or the file cannot be written; "
     "2 wrong usage; 3 no answer now: try again; 5 the calibration was withdrawn or deleted; 6 it is of other sensors "
@@ -49,13 +50,12 @@ _EXIT_CODES = (
 )
 
 
-class PullError(Exception):
-    """Why the file is not what the vehicle is given now: a sentence, what to do, and the exit code."""
+class WholeAnswer(NamedTuple):
+    """An answer with its whole content."""
 
-    def __init__(self, sentence: str, hint: str = "", code: int = FAILED) -> None:
-        super().__init__(sentence)
-        self.hint = hint
-        self.code = code
+    status_code: int
+    headers: Any
+    content: bytes
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
@@ -72,112 +72,56 @@ class Service:
     """
 
     def __init__(self, url: str, token: str, timeout_s: float, trust: ssl.SSLContext | None = None) -> None:
-        try:
-            parts = urlsplit(url)
-            is_address = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-        except ValueError:
-            parts, is_address = urlsplit(""), False
-        if not is_address:
-            raise PullError(f"{url!r} is no address of a service", "Give it with --url or APEXCAL_URL", USAGE)
-        if not re.fullmatch(r"[!-~]+", token):
-            raise PullError("no token, or none that can be one", "Give it with --token or APEXCAL_TOKEN", USAGE)
-        is_here = re.fullmatch(r"localhost|::1|127\.\d+\.\d+\.\d+", parts.hostname or "") is not None
-        is_allowed = os.environ.get("APEXCAL_INSECURE_HTTP", "") not in ("", "0")
-        if parts.scheme == "http" and not (is_here or is_allowed):
-            raise PullError(
-                f"a token for {parts.netloc} would go over http, where others on the way can read it",
-                "Give an https address, or allow it in a network that you trust: APEXCAL_INSECURE_HTTP=1",
-                USAGE,
-            )
+        parts = split_address(url)
+        if parts is None:
+            raise InputError(f"{url!r} is no address of a service", "Give it with --url or APEXCAL_URL")
+        if not is_token(token):
+            raise InputError("no token, or none that can be one", "Give it with --token or APEXCAL_TOKEN")
+        proxies = urllib.request.ProxyHandler(None if may_leave(parts) else {})
         self.url = url.rstrip("/")
         self._headers = {"Authorization": f"Bearer {token}", "Accept-Encoding": "identity"}
         self._timeout_s = timeout_s
         self._was_reached = False
-        # A proxy of the environment would read over http what is meant for this machine alone.
-        proxies = urllib.request.ProxyHandler(None if parts.scheme == "https" or is_allowed else {})
         self._opener = urllib.request.build_opener(_NoRedirect, proxies, urllib.request.HTTPSHandler(context=trust))
 
-    def get(self, path: str, query: dict[str, Any], etag: str | None = None) -> tuple[int, Any, bytes]:
-        """Return status (200 or 304), headers and content of an answer. Raises :class:`PullError`."""
+    def get(self, path: str, query: dict[str, Any], etag: str | None = None) -> WholeAnswer:
+        """Return an answer of status 200 or 304. Raises :class:`ClientError`."""
         headers = dict(self._headers, Accept="application/json", **({"If-None-Match": etag} if etag else {}))
         words = urlencode({name: value for name, value in query.items() if value}, doseq=True)
         request = urllib.request.Request(f"{self.url}/v1{path}?{words}".rstrip("?"), headers=headers)
-        pauses_s = PAUSES_S if self._was_reached else PAUSES_S[:2]
-        for pause_s in (*pauses_s, None):
-            wait_s = 0.0
-            try:
-                status, answered, content = self._read(request)
-            except (OSError, http.client.HTTPException) as error:
-                if pause_s is None:
-                    reason = getattr(error, "reason", None) or error
-                    raise PullError(f"no answer from {self.url}: {reason}", code=UNREACHABLE) from None
-            else:
-                self._was_reached = True
-                if status in (200, 304):
-                    return status, answered, content
-                wait_s = retry_after_s(answered)
-                if status not in BUSY or pause_s is None or wait_s > LONGEST_WAIT_S:
-                    raise self._problem(status, answered, content)
-            # Spread, so that a fleet does not come back at one moment.
-            time.sleep(max(pause_s or 0.0, wait_s) * random.uniform(1.0, 1.5))
-        raise AssertionError("the last pause is None")
+        losses = (OSError, http.client.HTTPException)
+        try:
+            pauses_s = PAUSES_S if self._was_reached else PAUSES_S[:2]
+            answer: WholeAnswer = ask_again(lambda: self._read(request), losses, pauses_s)
+        except losses as error:
+            raise UnreachableError(f"no answer from {self.url}: {getattr(error, 'reason', None) or error}") from None
+        if answer.status_code in (200, 304):
+            return answer
+        refuse_redirect(self.url, answer)
+        raise problem_of(answer, {"code": _NO_CODE, "detail": f"{self.url} answered {answer.status_code}"})
 
-    def _read(self, request: urllib.request.Request) -> tuple[int, Any, bytes]:
-        """One request. Raises OSError, HTTPException, :class:`PullError`."""
+    def _read(self, request: urllib.request.Request) -> WholeAnswer:
+        """One request. Raises OSError, HTTPException, :class:`ForeignAnswerError`."""
         try:
             answer = self._opener.open(request, timeout=self._timeout_s)
         except urllib.error.HTTPError as error:
             answer = error
         with answer:
-            content = bytearray()
-            for piece in iter(lambda: answer.read(2**16), b""):
-                content += piece
-                if len(content) > LONGEST_ANSWER:
-                    raise self.foreign(f"answered more than {LONGEST_ANSWER} bytes")
             status, headers = int(answer.code), answer.headers
-        if headers.get("Content-Encoding", "identity") != "identity":
-            raise self.foreign("answered compressed bytes")
+            content = read_whole(self.url, headers, iter(lambda: answer.read(2**16), b""))
         length = headers.get("Content-Length", "")
         if status != 304 and length.isdigit() and int(length) != len(content):
-            raise http.client.IncompleteRead(bytes(content), int(length) - len(content))
-        return status, headers, bytes(content)
-
-    def _problem(self, status: int, headers: Any, content: bytes) -> PullError:
-        """What a refusal means: it may pass, it says why, or another program refused."""
-        if 300 <= status < 400 and headers.get("Location"):
-            return self.foreign(f"leads on to {headers['Location']}, which is not followed")
-        try:
-            fields = json.loads(content)
-        except ValueError:
-            fields = None
-        is_problem = isinstance(fields, dict)
-        fields = fields if is_problem else {"detail": f"{self.url} answered {status}"}
-        name, wait_s = str(fields.get("code") or "unknown"), retry_after_s(headers)
-        code = REFUSED.get(name, USAGE if name in _INPUT_CODES else FAILED)
-        if status >= 500 or status in BUSY:
-            code = UNREACHABLE
-        elif status < 400 or not is_problem:
-            code = FOREIGN
-        hint = str(fields.get("hint") or "") + (f" Ask again in {wait_s:.0f} s." if wait_s else "")
-        detail = str(fields.get("detail") or f"the service answered {status}").rstrip(".")
-        return PullError(f"{detail} ({name})", hint.strip(), code)
-
-    def foreign(self, what: str) -> PullError:
-        """The error of an answer that is not this service's."""
-        return PullError(
-            f"{self.url} {what}",
-            "Is this the address of an apexcal service, its prefix too, and does a proxy or the sign-in page of a "
-            "network answer in its place?",
-            FOREIGN,
-        )
+            raise http.client.IncompleteRead(content, int(length) - len(content))
+        self._was_reached = True
+        return WholeAnswer(status, headers, content)
 
     def only_vehicle(self, fleet: str) -> str:
-        """Return the id of the only vehicle that the token may see. Raises :class:`PullError`."""
+        """Return the id of the only vehicle that the token may see. Raises :class:`ClientError`."""
         fleets = [each["id"] for each in self._items("/fleets") if fleet in ("", each["id"], each["name"])]
         vehicles = [each for fleet_id in fleets for each in self._items(f"/fleets/{fleet_id}/vehicles")]
         if len(vehicles) != 1:
             names = ", ".join(repr(each["name"]) for each in vehicles[:20])
-            raise PullError(f"there are {len(vehicles)} vehicles: {names}", "Say which one with --vehicle", USAGE)
+            raise InputError(f"there are {len(vehicles)} vehicles: {names}", "Say which one with --vehicle")
         return str(vehicles[0]["id"])
 
     def _items(self, path: str) -> list[Any]:
@@ -185,11 +129,11 @@ class Service:
         after = None
         while True:
             try:
-                page = json.loads(self.get(path, {"limit": 100, "after": after})[2])
+                page = json.loads(self.get(path, {"limit": 100, "after": after}).content)
                 items += [{"id": str(each["id"]), "name": str(each["name"])} for each in page["items"]]
                 after = page.get("next")
             except (ValueError, KeyError, TypeError, AttributeError):
-                raise self.foreign("answered what is no list") from None
+                raise ForeignAnswerError(self.url, "answered what is no list") from None
             if not after:
                 return items
 
@@ -204,16 +148,16 @@ def pull(options: argparse.Namespace, trust: ssl.SSLContext | None = None) -> No
         fits = output.is_symlink() if options.unpack else output.is_file()
         if (output.exists() and not fits) or not output.parent.is_dir():
             what = "link" if options.unpack else "file"
-            raise PullError(f"{output} is no place for a {what}", "Name a new one in a folder that exists", USAGE)
+            raise InputError(f"{output} is no place for a {what}", "Name a new one in a folder that exists")
         service = Service(options.url, options.token, options.timeout, trust)
         is_changed = _pull(service, pulled, options)
         if options.unpack:
             replace_folder(output, read_archive(pulled.path.read_bytes()))
-    except PullError as error:
+    except ClientError as error:
         _leave(error, pulled)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        _leave(PullError(f"cannot write {error.filename or 'the file'}: {reason}"), pulled)
+        _leave(ClientError(f"cannot write {error.filename or 'the file'}: {reason}"), pulled)
     _say(f"{output} {'was replaced' if is_changed else 'has not changed'}.")
     sys.exit(0)
 
@@ -234,48 +178,56 @@ def _pull(service: Service, pulled: KeptFile, options: argparse.Namespace) -> bo
         query.update(vehicle=vehicle, fleet=options.fleet, sensor=options.sensor)
     query_key = json.dumps([service.url, path, query])
     etag = pulled.etag(query_key)
-    status, headers, content = service.get(path, query, etag)
-    if status == 304 and etag:
+    answer = service.get(path, query, etag)
+    if answer.status_code == 304 and etag:
         return False
-    _check(service, headers if status == 200 else {}, content, options, vehicle_id)
+    _check(service.url, answer, options, vehicle_id)
     if options.unpack:
-        if not content.startswith(b"PK"):
-            raise PullError("--unpack is for a format of several files", "Leave it out for this format", USAGE)
+        if not answer.content.startswith(b"PK"):
+            raise InputError("--unpack is for a format of several files", "Leave it out for this format")
         try:
-            read_archive(content)
+            read_archive(answer.content)
         except ValueError as error:
-            raise service.foreign(f"answered what {error}") from None
-    pulled.replace(content, headers["ETag"], query_key)
+            raise ForeignAnswerError(service.url, f"answered what {error}") from None
+    pulled.replace(answer.content, answer.headers["ETag"], query_key)
     return True
 
 
-def _check(service: Service, headers: Any, content: bytes, options: argparse.Namespace, vehicle_id: str) -> None:
-    """Raise :class:`PullError` for what is no whole calibration of this vehicle in this format and of this alias."""
+def _check(url: str, answer: WholeAnswer, options: argparse.Namespace, vehicle_id: str) -> None:
+    """Raise ForeignAnswerError for what is no whole calibration of this vehicle in this format and of this alias."""
     is_json = options.format == "json"
-    media_type = "application/json" if is_json else f"application/vnd.apexcal.{options.format}+"
-    sha256 = base64.b64encode(hashlib.sha256(content).digest()).decode()
-    if not headers.get("ETag") or not headers.get("Content-Type", "").startswith(media_type):
-        raise service.foreign(f"answered what is no {media_type.rstrip('+')}")
-    if headers.get("Repr-Digest") != f"sha-256=:{sha256}:":
-        raise service.foreign("answered bytes without their SHA-256 (Repr-Digest)")
-    named = {headers.get("Apexcal-Vehicle"), vehicle_id or headers.get("Apexcal-Vehicle")}
+    check_document(url, answer, "application/json" if is_json else f"application/vnd.apexcal.{options.format}+")
+    named_vehicle = answer.headers.get("Apexcal-Vehicle")
+    named = {named_vehicle, vehicle_id or named_vehicle}
     if is_json:
         try:
-            document = json.loads(content)
+            document = json.loads(answer.content)
             is_whole = all(each["result_id"] and each["T_camera_lidar"] for each in document["cameras"].values())
             named.add(document["vehicle_id"] if is_whole and document["alias"] == options.alias else None)
         except (ValueError, KeyError, TypeError, AttributeError):
-            raise service.foreign("answered something else than a vehicle's calibration") from None
+            raise ForeignAnswerError(url, "answered something else than a vehicle's calibration") from None
     if len(named) > 1 or None in named:
-        raise service.foreign("answered another vehicle's calibration, or another alias")
+        raise ForeignAnswerError(url, "answered another vehicle's calibration, or another alias")
 
 
-def _leave(error: PullError, pulled: KeptFile) -> NoReturn:
+def _exit_code(error: ClientError) -> int:
+    if isinstance(error, ApiError):
+        if error.status >= 500 or error.status in BUSY:
+            return UNREACHABLE
+        if error.status < 400 or error.fields.get("code") == _NO_CODE:
+            return FOREIGN
+        return REFUSED.get(error.code, USAGE if error.is_about_the_input else FAILED)
+    codes = {InputError: USAGE, UnreachableError: UNREACHABLE, ForeignAnswerError: FOREIGN}
+    return codes.get(type(error), FAILED)
+
+
+def _leave(error: ClientError, pulled: KeptFile) -> NoReturn:
     """Say what is wrong and which file there is, and exit."""
-    _say(f"apexcal: {str(error).rstrip('.')}.")
+    reason = f"{error.detail.rstrip('.')} ({error.code})" if isinstance(error, ApiError) else str(error)
+    _say(as_sentence(f"apexcal: {reason}"))
     if error.hint:
-        _say(f"{error.hint.rstrip('.')}.")
-    code = error.code
+        _say(as_sentence(error.hint))
+    code = _exit_code(error)
     if code != USAGE and pulled.is_whole():
         _say(f"{pulled.path} is as it was pulled last.")
     elif code != USAGE:
@@ -295,16 +247,6 @@ def _as_id(text: str) -> str:
         return str(uuid.UUID(text))
     except ValueError:
         return ""
-
-
-def retry_after_s(headers: Any) -> float:
-    """Seconds that the answer asks to wait: a number or a date (RFC 9110, 10.2.3); 0 where it asks for none."""
-    after = headers.get("Retry-After") or ""
-    try:
-        seconds = float(after) if after.isdigit() else parsedate_to_datetime(after).timestamp() - time.time()
-    except (ValueError, TypeError):  # TypeError until Python 3.9
-        return 0.0
-    return max(seconds, 0.0)
 
 
 def _seconds(text: str) -> float:

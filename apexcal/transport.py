@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
-import os
-import random
-import re
-import time
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypedDict, TypeVar, Unpack
-from urllib.parse import SplitResult, quote, urlsplit
+from urllib.parse import quote
 
 import httpx
 from pydantic import BaseModel, ValidationError
 
 from apexcal.documents.base import Page, first_fault, not_finite
 from apexcal.errors import ApiError, ForeignAnswerError, InputError, TokenError, UnreachableError
-from apexcal.pull_alone import BUSY, LONGEST_ANSWER, LONGEST_WAIT_S, PAUSES_S, retry_after_s
+from apexcal.http_rules import (
+    PAUSES_S,
+    ask_again,
+    check_document,
+    is_token,
+    may_leave,
+    problem_of,
+    read_whole,
+    refuse_redirect,
+    split_address,
+)
 
 Document = dict[str, Any]
 M = TypeVar("M", bound=BaseModel)
 
 # A part of 16 MiB over a slow line takes minutes; everything else answers at once.
 TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
-# What a header can carry behind "Bearer ": visible ASCII.
-_TOKEN = re.compile(r"[!-~]+")
 
 
 class RequestParts(TypedDict, total=False):
@@ -50,19 +51,19 @@ class HttpTransport:
         pauses_s: tuple[float, ...] = PAUSES_S,
         timeout_s: float | None = None,
     ) -> None:
-        parts = _split(base_url)
+        parts = split_address(base_url)
+        if parts is None:
+            raise ValueError(f"{base_url!r} is no address of a service; it looks like http://127.0.0.1:8000")
         self.base_url = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
         self._pauses_s = pauses_s
         self._reached = False
         # A signed-in session is a cookie, and unsafe methods with cookies must name where they come from.
         headers = {"Accept": "application/json", "Origin": f"{parts.scheme}://{parts.netloc}"}
         if token:
-            if not _TOKEN.fullmatch(token):
+            if not is_token(token):
                 raise TokenError("the given text")
             headers["Authorization"] = f"Bearer {token}"
-        # A proxy of the environment would read over http what is meant for this machine alone.
-        proxies = _may_leave(parts)
-        address = self.base_url + "/v1"
+        proxies, address = may_leave(parts), self.base_url + "/v1"
         self._http = httpx.Client(base_url=address, headers=headers, timeout=timeout_s or TIMEOUT, trust_env=proxies)
 
     def close(self) -> None:
@@ -112,15 +113,8 @@ class HttpTransport:
         """
         params = _given({"format": format, **query})
         identity = {"Accept-Encoding": "identity"}
-        response = self.send("GET", path, params=params, headers=identity, most_bytes=LONGEST_ANSWER)
-        if response.status_code != httpx.codes.OK or not response.headers.get("ETag"):
-            raise ForeignAnswerError(response.request.url, "answered what is no document")
-        media_type = f"application/vnd.apexcal.{format}"
-        if not response.headers.get("Content-Type", "").startswith(f"{media_type}+"):
-            raise ForeignAnswerError(response.request.url, f"answered what is no {media_type}")
-        sha256 = base64.b64encode(hashlib.sha256(response.content).digest()).decode()
-        if response.headers.get("Repr-Digest") != f"sha-256=:{sha256}:":
-            raise ForeignAnswerError(response.request.url, "answered bytes without their SHA-256 (Repr-Digest)")
+        response = self.send("GET", path, params=params, headers=identity, is_limited=True)
+        check_document(response.request.url, response, f"application/vnd.apexcal.{format}+")
         return response
 
     def delete(self, path: str, **query: Any) -> None:
@@ -128,41 +122,39 @@ class HttpTransport:
         self.send("DELETE", path, params=_given(query))
 
     def send(
-        self, method: str, path: str, *, most_bytes: int | None = None, **request: Unpack[RequestParts]
+        self, method: str, path: str, *, is_limited: bool = False, **request: Unpack[RequestParts]
     ) -> httpx.Response:
         """One request, tried again while the service is away or busy. No redirect is followed.
 
-        Raises ApiError, ForeignAnswerError, InputError, UnreachableError. ``most_bytes`` limits the answer, which
-        must not be compressed then. Every request of this client may be repeated: reads and deletes by nature, parts
-        by their digest, edits by their version, creations by their key.
+        Raises ApiError, ForeignAnswerError, InputError, UnreachableError. ``is_limited``: a longer answer than
+        `LONGEST_ANSWER`, or a compressed one, is foreign. Every request of this client may be repeated: reads and
+        deletes by nature, parts by their digest, edits by their version, creations by their key.
         """
         strange = not_finite(request.get("json"))
         if strange is not None:
             raise InputError(f"{strange or 'what would be sent'} is not a finite number", "JSON has no such numbers.")
         parts = _given(request)
-        # A service that never answered is more likely misspelt than restarting.
-        pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
-        for pause_s in (*pauses_s, None):
-            wait_s = 0.0
-            try:
-                with self._http.stream(method, path, **parts) as streamed:
-                    response = _read(streamed, most_bytes)
-            except httpx.TransportError as error:
-                if pause_s is None:
-                    raise self._unreachable(error) from error
-            else:
+
+        def ask() -> httpx.Response:
+            with self._http.stream(method, path, **parts) as streamed:
                 self._reached = True
-                if response.has_redirect_location:
-                    where = response.headers["Location"]
-                    raise ForeignAnswerError(response.request.url, f"leads on to {where}, which is not followed")
-                if response.status_code < 400:
-                    return response
-                wait_s = retry_after_s(response.headers)
-                if response.status_code not in BUSY or pause_s is None or wait_s > LONGEST_WAIT_S:
-                    raise problem_of(response)
-            # Spread, so that a fleet does not come back at one moment.
-            time.sleep(max(pause_s, wait_s) * random.uniform(1.0, 1.5))
-        raise AssertionError("the last pause is None")
+                if not is_limited:
+                    streamed.read()
+                    return streamed
+                status, headers, sent = streamed.status_code, streamed.headers, streamed.request
+                content = read_whole(sent.url, headers, streamed.iter_raw())
+                return httpx.Response(status, headers=headers, content=content, request=sent)
+
+        try:
+            # A service that never answered is more likely misspelt than restarting.
+            pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
+            response: httpx.Response = ask_again(ask, (httpx.TransportError,), pauses_s)
+        except httpx.TransportError as error:
+            raise self._unreachable(error) from error
+        refuse_redirect(response.request.url, response)
+        if response.status_code >= 400:
+            raise _refusal(response)
+        return response
 
     @contextmanager
     def stream(self, path: str) -> Iterator[httpx.Response]:
@@ -171,7 +163,7 @@ class HttpTransport:
             with self._http.stream("GET", path, headers={"Accept": "*/*"}) as response:
                 if response.status_code >= 400:
                     response.read()
-                    raise problem_of(response)
+                    raise _refusal(response)
                 yield response
         except httpx.TransportError as error:
             raise self._unreachable(error) from error
@@ -201,29 +193,6 @@ def read(response: httpx.Response, kind: type[M]) -> M:
         raise ForeignAnswerError(response.request.url, what) from None
 
 
-def _split(base_url: str) -> SplitResult:
-    try:
-        parts = urlsplit(base_url)
-        if parts.scheme in ("http", "https") and parts.hostname and parts.port != 0:
-            return parts
-    except ValueError:
-        pass
-    raise ValueError(f"{base_url!r} is no address of a service; it looks like http://127.0.0.1:8000")
-
-
-def _may_leave(parts: SplitResult) -> bool:
-    """Whether a token may leave this machine. Raises InputError where it would, over http, without being told to."""
-    if parts.scheme == "https" or os.environ.get("APEXCAL_INSECURE_HTTP", "") not in ("", "0"):
-        return True
-    host = parts.hostname or ""
-    if host != "localhost" and host != "::1" and not re.fullmatch(r"127\.\d+\.\d+\.\d+", host):
-        raise InputError(
-            f"a token for {parts.netloc} would go over http, where others on the way can read it",
-            "Give an https address, or allow it in a network that you trust: APEXCAL_INSECURE_HTTP=1",
-        )
-    return False
-
-
 def at(*segments: object) -> str:
     """The path of these segments, each quoted: what is no id stays one segment, and leads nowhere else."""
     # Dots are quoted by hand: quote() leaves them, and a segment of dots alone would climb.
@@ -236,38 +205,10 @@ def if_match(version: int) -> dict[str, str]:
     return {"If-Match": f'"v{version}"'}
 
 
-def problem_of(response: httpx.Response) -> ApiError:
-    """The problem document of a refused request, or one made up where the answer is none (a proxy's page)."""
-    try:
-        fields = json.loads(response.content)
-    except ValueError:
-        fields = None
-    if not isinstance(fields, dict):
-        fields = {
-            "code": "not_a_problem_document",
-            "detail": f"{response.request.url} answered {response.status_code} {response.reason_phrase}",
-            "hint": "Is this the address of an apexcal service?",
-        }
-    if wait_s := retry_after_s(response.headers):
-        fields["hint"] = f"{fields.get('hint') or ''} Ask again in {wait_s:.0f} s.".strip()
-    return ApiError(response.status_code, fields)
-
-
-def _read(streamed: httpx.Response, most_bytes: int | None) -> httpx.Response:
-    """The whole answer. Raises ForeignAnswerError if there is a limit and it is longer, or is compressed."""
-    if most_bytes is None:
-        streamed.read()
-        return streamed
-    content = bytearray()
-    for piece in streamed.iter_raw():
-        content += piece
-        if len(content) > most_bytes or streamed.headers.get("Content-Encoding", "identity") != "identity":
-            raise ForeignAnswerError(
-                streamed.request.url, f"answered more than {most_bytes} bytes, or compressed ones"
-            )
-    return httpx.Response(
-        streamed.status_code, headers=streamed.headers, content=bytes(content), request=streamed.request
-    )
+def _refusal(response: httpx.Response) -> ApiError:
+    sentence = f"{response.request.url} answered {response.status_code} {response.reason_phrase}"
+    hint = "Is this the address of an apexcal service?"
+    return problem_of(response, {"code": "not_a_problem_document", "detail": sentence, "hint": hint})
 
 
 def _given(query: Mapping[str, Any]) -> dict[str, Any]:

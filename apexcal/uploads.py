@@ -5,7 +5,6 @@ Parts go to the service or straight into its store, whichever the service says.
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import math
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from functools import partial
 
 from apexcal.documents.recordings import Parts, PartView, RecordingSummary, Upload
 from apexcal.errors import ApiError, ClientError
+from apexcal.http_rules import digest_field
 from apexcal.presigned import PresignedStore
 from apexcal.transport import HttpTransport, at
 from apexcal.upload_sources import Source
@@ -82,7 +82,7 @@ def part_size(upload: Upload, stored: dict[int, PartView]) -> int:
 def _put_part(http: HttpTransport, recording_id: str, number: int, data: bytes, digest: bytes) -> None:
     """Send a part to the service, which stores it."""
     headers = {
-        "Content-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:",
+        "Content-Digest": digest_field(digest),
         "Content-Type": "application/octet-stream",
     }
     for tried in range(1, _DAMAGED_TRIES + 1):

@@ -16,7 +16,7 @@ from apexcal.embedded.folder import DEFAULT
 from apexcal.pull_alone import options_parser
 from apexcal.pull_alone import pull as pull_alone
 
-_PROGRAM: Final = ("archives", "kept_file", "pull_alone")
+_PROGRAM: Final = ("archives", "errors", "http_rules", "kept_file", "pull_alone")
 """Modules of the program that `--program` writes. Each needs Python 3.8 and imports only those before it."""
 
 
@@ -46,5 +46,6 @@ def program_source() -> str:
     """Return `apexcal pull` as the source of one program of the standard library alone."""
     folder = Path(__file__).parents[1]
     sources = [(folder / f"{name}.py").read_text(encoding="utf-8") for name in _PROGRAM]
-    modules = [re.sub(r"^from (?:__future__|apexcal\.\w+) import .*\n", "", text, flags=re.M) for text in sources]
+    ours = re.compile(r"^from (?:__future__|apexcal\.\w+) import (?:\([^)]*\)|.*)\n", re.M)
+    modules = [ours.sub("", text) for text in sources]
     return "\n\n".join(["#!/usr/bin/env python3\nfrom __future__ import annotations", *modules])

@@ -10,6 +10,7 @@ import io
 import json
 import socketserver
 import threading
+import time
 import zipfile
 from base64 import b64encode
 from collections.abc import Callable, Iterator
@@ -23,7 +24,6 @@ from urllib.request import Request, urlopen
 
 import pytest
 
-from apexcal import transport
 from tests.support.databases import one_database
 
 pytestmark = one_database
@@ -179,7 +179,7 @@ def test_what_comes_unchanged_through_another_server_is_kept(car):
 
 
 def test_a_bad_answer_leaves_the_kept_file(car, monkeypatch):
-    monkeypatch.setattr(transport.time, "sleep", lambda seconds: None)
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert car.pull().exit_code == 0
     note = car.file.with_name(".calibration.json.pulled")
     good = car.file.read_bytes(), note.read_bytes()
@@ -210,7 +210,7 @@ def test_no_redirect_is_followed_and_no_other_server_gets_the_token(car):
 def test_a_try_again_is_awaited_as_long_as_the_service_says(car, monkeypatch):
     """And not at the same moment by every car."""
     left, waited = [Answer(503, {"Retry-After": "7"}, b"{}"), Answer(429, {}, b"{}")], []
-    monkeypatch.setattr(transport.time, "sleep", waited.append)
+    monkeypatch.setattr(time, "sleep", waited.append)
     with between(car.url, lambda answer: left.pop(0) if left else answer) as way:
         assert car.pull("--vehicle", str(car.rig.vehicle_id), url=way.url).exit_code == 0
     assert len(waited) == 2 and 7.0 <= waited[0] <= 10.5 and 0.3 <= waited[1] <= 0.45
@@ -228,7 +228,7 @@ def test_a_token_goes_over_http_to_this_machine_alone(car, host, monkeypatch):
     ended = car.pull("--timeout", "0.1", url=host)
     assert ended.exit_code == 2 and "APEXCAL_INSECURE_HTTP" in told(ended)
     monkeypatch.setenv("APEXCAL_INSECURE_HTTP", "1")
-    monkeypatch.setattr(transport.time, "sleep", lambda seconds: None)
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert car.pull("--timeout", "0.1", url=host).exit_code == 4, "no answer, but it was asked"
 
 

@@ -14,8 +14,7 @@ from typing import Any
 from celery import Celery
 from sqlalchemy import select
 
-from apexcal.client import Client
-from apexcal.errors import FailedError
+from apexcal.client import Client, FailedError
 from service.platform.db.models import Job
 from service.platform.db.session import Database
 from tests.faults.jobs import ask
