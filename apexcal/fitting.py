@@ -62,8 +62,8 @@ def fit(
     from apexcal.documents.fit_requests import fit_request
     from apexcal.errors import InputError
     from apexcal.printed_result import PrintedResult
+    from workers.solver.narrowing import run_search
     from workers.solver.outcomes import SolveError
-    from workers.solver.schedule import run_schedule
     from workers.tasks.run_inputs import read_run
     from workers.tasks.solving import solved
 
@@ -84,7 +84,7 @@ def fit(
         pairs = _columns(points, pixels)
         _check_units(pairs, width, height)
         run = read_run(document, -1, pairs | dict(columns or {}))
-        state, _ = run_schedule(run.problem)
+        state = run_search(run.problem)
         return PrintedResult.model_validate(solved(run, state), from_attributes=True)
     except (DocumentError, SolveError) as error:
         raise InputError(error.message, error.hint) from None

@@ -18,7 +18,7 @@ from sqlalchemy import ColumnElement, select  # noqa: E402
 
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result  # noqa: E402
 from service.platform.db.session import Database  # noqa: E402
-from workers.solver.schedule import run_schedule  # noqa: E402
+from workers.solver.narrowing import run_search  # noqa: E402
 from workers.tasks.run_inputs import read_run  # noqa: E402
 from workers.tasks.solving import solved  # noqa: E402
 from workers.tasks.warming import warm_up  # noqa: E402
@@ -124,5 +124,5 @@ def _take(following: Any) -> int:
 def _solve(run: Run) -> dict[str, Any]:
     """As a worker does a whole run."""
     fit = read_run(run.document, run.fold, run.pairs)
-    state, _ = run_schedule(fit.problem)
+    state = run_search(fit.problem)
     return solved(fit, state).model_dump(mode="json", exclude_unset=True)

@@ -10,8 +10,8 @@ from benchmarks.accuracy.rigs import algorithm_2, draw_rig
 from workers.geometry.models import DEFAULT_MODELS as MODELS
 from workers.geometry.models import ModelName
 from workers.solver.estimate import estimate
+from workers.solver.narrowing import run_search
 from workers.solver.polish import cost_of, polish
-from workers.solver.schedule import run_schedule
 from workers.solver.slot import run_slot
 
 PAPER = {"slots": 5, "population": 800, "generations": 30}
@@ -25,7 +25,7 @@ def measure(model: ModelName, seed: tuple[int, int]) -> dict[str, Any]:
     rig = draw_rig(model, rng)
     problem = algorithm_2(rig.problem(seed=int(rng.integers(2**31)), schedule=PAPER))
     began = time.process_time()
-    state, _ = run_schedule(problem)
+    state = run_search(problem)
     searched = time.process_time()
     reached = estimate(problem, np.array(state.best_parameters))
     finish_seconds = time.process_time() - searched

@@ -31,9 +31,9 @@ from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import LOOK_RATE
 from workers.models.summary import CameraFit, camera_summary
 from workers.simulation.camera import FRONT
+from workers.solver.narrowing import SearchState, run_search
 from workers.solver.outcomes import SolveError
 from workers.solver.prediction import DISTANCES_M
-from workers.solver.schedule import State, run_schedule
 from workers.tasks.run_inputs import RunInput, read_run
 from workers.tasks.solving import solved
 
@@ -112,7 +112,7 @@ class Searched(NamedTuple):
 
     plan: FitPlan
     whole: RunInput
-    state: State
+    state: SearchState
     result: FitResult
 
 
@@ -120,7 +120,7 @@ def searched(draw: Draw) -> Searched:
     """Search and fit as the service does. Raises what the product raises."""
     (fit,) = planned(draw).fits
     whole = read_run(fit.of_fold(FULL), FULL, draw.known)
-    state, _ = run_schedule(whole.problem)
+    state = run_search(whole.problem)
     return Searched(fit, whole, state, solved(whole, state))
 
 

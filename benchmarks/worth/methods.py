@@ -10,9 +10,9 @@ import numpy as np
 from benchmarks.accuracy.measures import WITHIN
 from benchmarks.accuracy.rigs import PLAIN, Rig
 from workers.solver.baselines import baseline, linear_baseline
+from workers.solver.narrowing import run_search
 from workers.solver.polish import Fit, cost_of, distances, polish
 from workers.solver.problem import FitProblem
-from workers.solver.schedule import run_schedule
 from workers.solver.slot import run_slot
 
 RIGHT_PX, FIELD_SHARE = 3.0, 0.9
@@ -31,7 +31,7 @@ class Case:
 
 def by_search(problem: FitProblem) -> Fit:
     """The genetic algorithm with the default preset, and the polish."""
-    return polish(problem, run_schedule(problem)[0].best_parameters)
+    return polish(problem, run_search(problem).best_parameters)
 
 
 def by_one_slot(problem: FitProblem) -> Fit:

@@ -10,7 +10,7 @@ from apexcal.documents.checks import verdict_of
 from apexcal.documents.fit_requests import fit_request
 from apexcal.errors import InputError
 from tests.faults.jobs import SHORT
-from workers.solver.schedule import run_schedule
+from workers.solver.narrowing import run_search
 from workers.tasks.run_inputs import read_run
 from workers.tasks.solving import solved
 
@@ -61,7 +61,7 @@ def test_it_is_the_workers_own_result(truth):
     mine = apexcal.fit(points, pixels, SIZE, "pinhole", T_camera_lidar=drawn, seed=7, schedule=SHORT)
     columns = dict(zip("xyzuv", np.column_stack([points, pixels]).T.tolist(), strict=True))
     run = read_run(request_of(drawn), -1, columns)
-    theirs = solved(run, run_schedule(run.problem)[0])
+    theirs = solved(run, run_search(run.problem))
     dumped = [each.model_dump(mode="json", exclude={"provenance", "checks"}) for each in (mine, theirs)]
     assert dumped[0] == dumped[1]
 

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest
+from workers.solver.narrowing import run_search
 from workers.solver.offset_fit import Marks, TipTrack, fit_offset, marks_under, scores, weak_priors, whitening
 from workers.solver.outcomes import NEVER, Outcome, Stop
 from workers.solver.polish import distances, polish
 from workers.solver.problem import FitProblem, fit_problem
-from workers.solver.schedule import run_schedule
 
 Floats = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ def _start(problem: FitProblem, marks: Marks) -> Floats:
     middle = np.append(0.5 * (problem.lower + problem.upper), 0.0)
     camera = fit_offset(problem, marks, middle, everything, robust=False).x[:-1]
     if float(np.median(distances(problem, camera))) > _LOST * problem.diagonal_px:
-        state, _ = run_schedule(problem)
+        state = run_search(problem)
         searched = np.array(polish(problem, state.best_parameters).parameters)
         camera = min(camera, searched, key=lambda p: float(np.median(distances(problem, p))))
     half = float(marks.offsets_s[-1])

@@ -1,27 +1,21 @@
 """One slot of the genetic algorithm: the unit of work that is farmed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from apexcal.documents.fit_requests import fit_request
-from apexcal.documents.schedules import Schedule
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.models import MODELS
 from workers.solver.correlation import Component, Linearised, shares_of
-from workers.solver.fitness import Fitness, fitness_of
+from workers.solver.fitness import fitness_of
 from workers.solver.genetic import SearchOutcome, genetic_search
-from workers.solver.outcomes import Stop
 from workers.solver.polish import polish
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import residuals_and_jacobian
-
-Search = Callable[[Fitness, Schedule, np.uint64, Stop], SearchOutcome]
-"""How a slot searches: the loss, how large, the key of its random stream, and who may end it."""
 
 
 @dataclass(frozen=True)
@@ -32,24 +26,9 @@ class SlotOutcome:
     parameters: tuple[float, ...]
     evaluations: int
 
-    def to_document(self) -> dict[str, Any]:
-        """JSON form; floats survive it exactly."""
-        return {"loss": self.loss, "parameters": list(self.parameters), "evaluations": self.evaluations}
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> "SlotOutcome":
-        """The outcome of its JSON form."""
-        parameters = tuple(float(value) for value in document["parameters"])
-        return SlotOutcome(float(document["loss"]), parameters, int(document["evaluations"]))
-
 
 def run_slot(
-    problem: FitProblem,
-    lower: Sequence[float],
-    upper: Sequence[float],
-    iteration: int,
-    slot: int,
-    search: Search = genetic_search,
+    problem: FitProblem, lower: Sequence[float], upper: Sequence[float], iteration: int, slot: int
 ) -> SlotOutcome:
     """Run slot number `slot` of `iteration` inside [lower, upper] (vectors in the order of `problem.names`).
 
@@ -60,7 +39,7 @@ def run_slot(
     fitness = fitness_of(problem, np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
     outcome = SearchOutcome(np.zeros(0, dtype=np.float32), 0)
     if fitness.genes:
-        outcome = search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
+        outcome = genetic_search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
     problem.stop.check()
     p = fitness.parameters(outcome.best)
     if problem.schedule.agreeing and np.isfinite(fitness.loss_px(p)):

@@ -26,6 +26,7 @@ from workers.solver.degeneracy import arbitrary, is_determined, point_problem
 from workers.solver.estimate import Estimate, at_clock, estimate
 from workers.solver.field import field
 from workers.solver.halves import halves_of
+from workers.solver.narrowing import SearchState
 from workers.solver.next_steps import next_steps
 from workers.solver.optima import MOST_SLOTS, optimum_sentences, other_optima
 from workers.solver.outcomes import SolveError
@@ -35,7 +36,6 @@ from workers.solver.prediction import prediction
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.rolling_shutter import rolling_shutter
-from workers.solver.schedule import State
 from workers.solver.stated_lens import lens_origin, under_stated_lens
 from workers.solver.uncertainty import Uncertainty
 from workers.solver.weighting import whitened
@@ -54,12 +54,7 @@ class Finished(NamedTuple):
     result: FitResult
 
 
-def solve_finish(problem: FitProblem, state: State) -> FitResult:
-    """Return the result of `finished`."""
-    return finished(problem, state).result
-
-
-def finished(problem: FitProblem, state: State) -> Finished:
+def finished(problem: FitProblem, state: SearchState) -> Finished:
     """Polish the search's best, and return all that the pairs tell; without checks and held-out errors.
 
     Raises SolveError `bad_schedule` where no iteration was done.
@@ -166,7 +161,7 @@ def evaluate(
 ) -> dict[str, Any]:
     """Errors of a calibration on pairs it may never have seen.
 
-    intrinsics and transform: documents as in `solve_finish`. points (N, 3) metres, LiDAR frame; pixels (N, 2).
+    intrinsics and transform: documents as in `finished`. points (N, 3) metres, LiDAR frame; pixels (N, 2).
     Returns mean_px, rms_px, max_px and errors_px (N numbers) and forbidden (how many projections are none: behind
     the camera, or past the fold; each counts at least the image's diagonal). Raises GeometryError, SolveError.
     """
@@ -224,7 +219,7 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, best: Estimate, unexplained: str | None) -> tuple[Status, str]:
+def _status(state: SearchState, best: Estimate, unexplained: str | None) -> tuple[Status, str]:
     problem, p, spread = best.fitted, best.parameters, best.spread
     if not is_determined(problem, p, spread):
         return "not_determined", point_problem(problem, p) or (
@@ -283,7 +278,7 @@ def misfit(problem: FitProblem, p: NDArray[np.float64]) -> str | None:
 
 
 def several_optima(
-    problem: FitProblem, state: State, polished: Fit, plain: dict[str, tuple[Fit, float]], spread: Uncertainty
+    problem: FitProblem, state: SearchState, polished: Fit, plain: dict[str, tuple[Fit, float]], spread: Uncertainty
 ) -> list[str]:
     """Sentences where slots, or search and baselines, ended in different places: there may be another optimum.
 

@@ -33,9 +33,9 @@ from workers.judge.lens_checks import worst_prior
 from workers.models.choice import Candidate, choose
 from workers.models.summary import candidate_of
 from workers.solver.estimate import Estimate, estimate
+from workers.solver.narrowing import SearchState, run_search
+from workers.solver.narrowing import from_document as state_of
 from workers.solver.outcomes import NEVER, SolveError, Stop
-from workers.solver.schedule import State, run_schedule
-from workers.solver.schedule import from_document as state_of
 from workers.tasks.context import Context
 from workers.tasks.run_inputs import read_run
 from workers.tasks.solving import solved
@@ -70,12 +70,12 @@ def remedies(context: Context, claim: Claim, lease: Lease) -> Callable[[Session]
         document, search, set_id, fit = run.fit_request, run.search_state, run.set_id, result.fit
     pairs = context.pairs_of(set_id)
     lease.report(0.0, "trying what the checks advise")
-    state = state_of(search) if search else run_schedule(read_run(document, FULL, pairs, lease).problem)[0]
+    state = state_of(search) if search else run_search(read_run(document, FULL, pairs, lease).problem)
     answer: Json = tried(document, pairs, state, fit, lease).model_dump(mode="json")
     return lambda session: answer
 
 
-def tried(document: Json, columns: Json, state: State, result: FitResult, stop: Stop = NEVER) -> TriedRemedies:
+def tried(document: Json, columns: Json, state: SearchState, result: FitResult, stop: Stop = NEVER) -> TriedRemedies:
     """Try the remedies of the result's checks that say `look` or `stop`.
 
     document and columns: the run's request and its set's pairs; state: the end of its search.
@@ -86,7 +86,7 @@ def tried(document: Json, columns: Json, state: State, result: FitResult, stop: 
 
 
 def trials_of(
-    document: Json, columns: Json, state: State, result: FitResult, stop: Stop = NEVER
+    document: Json, columns: Json, state: SearchState, result: FitResult, stop: Stop = NEVER
 ) -> list[tuple[Remedy, RemedyTrial]]:
     """Each tried remedy with what it brings, the most helpful first."""
     doubtful = {check.name for check in doubts_of(result.checks)}
@@ -98,19 +98,19 @@ def trials_of(
     return sorted(trials, key=lambda each: -(each[1].log_likelihood or 0.0))
 
 
-def applied(remedy: Remedy, model: str, state: State, stop: Stop = NEVER) -> tuple[FitResult, State]:
+def applied(remedy: Remedy, model: str, state: SearchState, stop: Stop = NEVER) -> tuple[FitResult, SearchState]:
     """The fit to all pairs with a remedy, as a calibration would make it, and the end of its search.
 
     state: of the search for `model`, from which a fit of the same model starts.
     """
     run_input = read_run(remedy.document, FULL, remedy.columns, stop)
     if remedy.document["model"] != model:
-        state, _ = run_schedule(run_input.problem)
+        state = run_search(run_input.problem)
     return solved(run_input, state), state
 
 
 def _remedies(
-    document: Json, columns: Json, state: State, result: FitResult, doubtful: Collection[str]
+    document: Json, columns: Json, state: SearchState, result: FitResult, doubtful: Collection[str]
 ) -> Iterator[Remedy]:
     """All remedies that can be tried without new marks. A lens that is accused twice is freed once."""
     estimated = without_outliers(estimate(read_run(document, FULL, columns).problem, np.array(state.best_parameters)))
@@ -171,7 +171,7 @@ def _with_stated_lens(document: Json) -> Json:
     return free | {"model": model, "locked": locked, "unstated": []}
 
 
-def _fits(document: Json, columns: Json, state: State, stop: Stop, whole: FitResult) -> Fits:
+def _fits(document: Json, columns: Json, state: SearchState, stop: Stop, whole: FitResult) -> Fits:
     count = document["folds"] or _FOLDS
     folds: dict[int, FitResult] = {}
     for fold in range(count):
@@ -183,7 +183,7 @@ def _fits(document: Json, columns: Json, state: State, stop: Stop, whole: FitRes
     return Fits(whole, folds)
 
 
-def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTrial:
+def _trial(remedy: Remedy, before: Fits, state: SearchState, stop: Stop) -> RemedyTrial:
     try:
         whole, state = applied(remedy, before.whole.model, state, stop)
         after = _fits(remedy.document, remedy.columns, state, stop, whole)

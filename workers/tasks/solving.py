@@ -22,18 +22,18 @@ from service.platform.jobs.claims import CancelledError, Claim, Lease
 from workers.judge.fit_checks import checks_of_fit
 from workers.solver.estimate import at_clock
 from workers.solver.held_out import held_out
-from workers.solver.outcomes import SolveError
-from workers.solver.problem import FitProblem
-from workers.solver.provenance import pairs_sha256, sources_sha256
-from workers.solver.schedule import (
-    State,
+from workers.solver.narrowing import (
+    SearchState,
     advance,
     bounds_of,
     from_document,
-    run_schedule,
+    run_search,
     start,
     to_document,
 )
+from workers.solver.outcomes import SolveError
+from workers.solver.problem import FitProblem
+from workers.solver.provenance import pairs_sha256, sources_sha256
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.solver.solution import finished
 from workers.tasks.concluding import LastRun, conclude_by
@@ -65,7 +65,7 @@ def solve(context: Context, claim: Claim, lease: Lease) -> Write:
     return _whole(context, run_input, run, lease)
 
 
-def _state(search: Json | None, problem: FitProblem) -> State:
+def _state(search: Json | None, problem: FitProblem) -> SearchState:
     """Return the state of the search after the iterations that are on record."""
     return from_document(search) if search else start(problem)
 
@@ -102,15 +102,15 @@ def _whole(context: Context, run_input: RunInput, run: Any, lease: Lease) -> Wri
         rows.append(_slot_row(context, run.id, iteration, slot, outcome, time.perf_counter() - began))
         began = time.perf_counter()
 
-    def on_iteration(state: State) -> None:
+    def on_iteration(state: SearchState) -> None:
         limit = run_input.problem.schedule.max_iterations
         lease.report(state.iteration / limit, f"iteration {state.iteration} of at most {limit}")
 
-    state, _ = run_schedule(run_input.problem, on_slot, on_iteration)
+    state = run_search(run_input.problem, on_slot, on_iteration)
     return _finish(context, run_input, run, state, lease, rows, (to_document(state), state.iteration))
 
 
-def solved(run_input: RunInput, state: State) -> FitResult:
+def solved(run_input: RunInput, state: SearchState) -> FitResult:
     """Polish, baselines, deviations and checks; or the errors on the pairs that were held out."""
     estimate, result = finished(run_input.problem, state)
     if run_input.heldout:
@@ -124,7 +124,7 @@ def _finish(
     context: Context,
     run_input: RunInput,
     run: Any,
-    state: State,
+    state: SearchState,
     lease: Lease,
     slots: Sequence[Json] = (),
     search: tuple[Json, int] | None = None,
@@ -171,7 +171,7 @@ def precision(context: Context, claim: Claim, lease: Lease) -> Write:
         analysis = session.get_one(Analysis, claim.subject_id)
         question, pairs = analysis.asked, analysis.single_pairs or {}
     run_input = read_run(question["problem"], FULL, pairs, lease)
-    state, _ = run_schedule(run_input.problem)
+    state = run_search(run_input.problem)
     result = solved(run_input, state)
     middle = result.prediction and result.prediction.middle_at(20.0)
     answer: Json = {

@@ -23,10 +23,10 @@ from workers.judge.precision_checks import mount_alone, precision
 from workers.judge.topics import graded
 from workers.judge.validation_checks import elsewhere
 from workers.solver.estimate import estimate
+from workers.solver.narrowing import run_search
 from workers.solver.prediction import covariances_along
 from workers.solver.problem import fit_problem
-from workers.solver.schedule import run_schedule
-from workers.solver.solution import finished, solve_finish
+from workers.solver.solution import finished
 from workers.tasks.run_inputs import read_run
 from workers.tasks.solving import solved
 
@@ -296,9 +296,9 @@ def test_a_sentence_says_what_is_and_the_remedy_what_to_do():
     request = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL, "schedule": SHORT}
     marks = np.random.default_rng(0).uniform(100.0, 900.0, (40, 2))
     degenerate = fit_problem(fit_request(**request), line, marks)
-    open_end = solve_finish(degenerate, run_schedule(degenerate)[0])
+    open_end = finished(degenerate, run_search(degenerate)).result
     two_mounts = small_board(0)
-    found = finished(two_mounts, run_schedule(two_mounts)[0])
+    found = finished(two_mounts, run_search(two_mounts))
     assert open_end.status == "not_determined" and found.result.several_optima
     checks = [fit(open_end), *checks_of_fit(found.estimate, found.result)]
     checks += checked(*rig(pairs=24, noise_px=60.0)).values()
@@ -350,5 +350,5 @@ def test_an_effect_is_graded_by_chance_and_size():
 def test_few_pairs_without_degrees_of_freedom_have_numbers_in_every_check():
     document, pairs = real(5)
     run = read_run(fit_request(**document).model_dump(mode="json"), -1, pairs)
-    for check in solved(run, run_schedule(run.problem)[0]).checks:
+    for check in solved(run, run_search(run.problem)).checks:
         assert np.all(np.isfinite([value for value in check.figures.values() if value is not None])), check

@@ -15,7 +15,7 @@ from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
 from workers.models.summary import CameraFit, camera_summary
 from workers.reports.contents import contents
 from workers.reports.material import Material
-from workers.solver.schedule import run_schedule
+from workers.solver.narrowing import run_search
 from workers.tasks.run_inputs import read_run
 from workers.tasks.solving import solved
 
@@ -116,7 +116,7 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
     results = []
     for fold in range(-1, document["folds"]):
         run = read_run(document, fold, pairs)
-        state, _ = run_schedule(run.problem)
+        state = run_search(run.problem)
         found = solved(run, state)
         yield json.dumps(plain(found), allow_nan=False)
         results.append(FitResult.model_validate(plain(found)))

@@ -15,7 +15,7 @@ from workers.geometry.projection import project
 from workers.solver.polish import mean_and_rms, polish
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict, transform_of
-from workers.solver.solution import solve_finish
+from workers.solver.solution import finished
 
 NOMINAL = to_document(SE3("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
 SIZE = (1280, 960)
@@ -70,7 +70,7 @@ def plain(result):
 
 def finish_plain(problem, state):
     """The result of a search that ended, as it is stored."""
-    return plain(solve_finish(problem, state))
+    return plain(finished(problem, state).result)
 
 
 def best_mean_px(problem, truth):

@@ -9,10 +9,10 @@ import pytest
 from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
+from workers.solver.narrowing import run_search
 from workers.solver.outcomes import SolveError
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
-from workers.solver.schedule import run_schedule
 
 SHORT = {"slots": 1, "population": 64, "generations": 6, "max_iterations": 2}
 PAIRS = 24
@@ -61,7 +61,7 @@ CASES = {
 def test_a_fit_that_can_be_anything_says_so(case, model):
     points, marks, words = CASES[case]
     problem = placed(model, points, marks)
-    solution = json.loads(json.dumps(finish_plain(problem, run_schedule(problem)[0]), allow_nan=False))
+    solution = json.loads(json.dumps(finish_plain(problem, run_search(problem)), allow_nan=False))
     assert solution["status"] == "not_determined"
     assert words in solution["message"]
     if words in ("one place", "one line") or (case, model) == ("one plane", "pinhole"):
@@ -104,6 +104,6 @@ def test_marks_upside_down_under_a_known_lens_are_not_explained():
     known = dict(zip(problem.names[3:], truth[3:].tolist(), strict=True))
     for marks, status in ((upside_down, "not_explained"), (problem.pixels, "ok")):
         one = replace(problem, pixels=marks, locked=known)
-        solution = finish_plain(one, run_schedule(one)[0])
+        solution = finish_plain(one, run_search(one))
         assert solution["status"] == status
         assert ("Half of the pairs lie more than" in solution["message"]) == (status != "ok")

@@ -12,10 +12,10 @@ from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simula
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
 from workers.solver import polish as polishing
+from workers.solver.narrowing import run_search, start
 from workers.solver.optima import other_optima
 from workers.solver.polish import mean_and_rms, polish, weighted_residuals
 from workers.solver.problem import fit_problem
-from workers.solver.schedule import run_schedule, start
 
 LENS = {"f_x": 700.0, "f_y": 700.0, "c_x": 640.0, "c_y": 480.0}
 
@@ -38,7 +38,7 @@ def small_board(seed, noise_px=3.0):
 
 def test_a_small_board_has_two_mounts_and_either_names_the_other():
     problem = small_board(0)
-    state, _ = run_schedule(problem)
+    state = run_search(problem)
     solution = finish_plain(problem, state)
     (sentence,) = [one for one in solution["several_optima"] if "fits nearly as well" in one]
     assert "turned by 68 degrees" in sentence
@@ -53,7 +53,7 @@ def test_nearly_as_deep_is_a_quarter_more():
     """Of the same marks with less and less noise the wrong mount stands out more: named up to a ratio of 1.25."""
     ratios = []
     problem = small_board(0)
-    state, _ = run_schedule(problem)
+    state = run_search(problem)
     starts = state.first_slot_parameters
     exact = small_board(0, noise_px=0.0).pixels
     for share in np.geomspace(0.4, 1.0, 19):
@@ -107,7 +107,7 @@ def _along(problem, best, direction, loss_px):
 
 def test_an_end_that_is_no_minimum_is_no_optimum(monkeypatch):
     problem = replace(small_board(0), schedule=Schedule())  # its slots are not polished
-    state, _ = run_schedule(problem)
+    state = run_search(problem)
     deep = polish(problem, state.best_parameters)
     assert other_optima(problem, deep, state.first_slot_parameters)
     monkeypatch.setattr(polishing, "MAX_EVALUATIONS", 2)

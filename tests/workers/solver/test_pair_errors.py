@@ -7,16 +7,16 @@ import pytest
 
 from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from tests.workers.solver.rigs import SIZE, plain, simulated
+from workers.solver.narrowing import run_search
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.residuals import predict
-from workers.solver.schedule import run_schedule
-from workers.solver.solution import solve_finish
+from workers.solver.solution import finished
 
 
 @pytest.fixture(scope="module")
 def solved():
     problem, truth = simulated("brown_conrady", 11)
-    return problem, truth, solve_finish(problem, run_schedule(problem)[0])
+    return problem, truth, finished(problem, run_search(problem)).result
 
 
 def test_the_noise_that_marks_and_vertices_explain(solved):

@@ -14,14 +14,14 @@ from tests.workers.solver.rigs import (
     simulated,
 )
 from workers.geometry.models import DEFAULT_MODELS, INTRINSICS, SEARCH_FORMS
+from workers.solver.narrowing import run_search, start
 from workers.solver.outcomes import SolveError
 from workers.solver.polish import polish
-from workers.solver.schedule import run_schedule, start
 from workers.solver.solution import evaluate
 
 
 def solve(problem):
-    state, _ = run_schedule(problem)
+    state = run_search(problem)
     solution = finish_plain(problem, state)
     return json.loads(json.dumps(solution, allow_nan=False))
 
@@ -108,6 +108,6 @@ def test_a_run_stopped_from_outside_says_so():
     problem = replace(problem, schedule=replace(problem.schedule, agreeing=0))
     with pytest.raises(SolveError):
         finish_plain(problem, start(problem))
-    calls = iter(range(100))
-    state, _ = run_schedule(problem, should_stop=lambda: next(calls) >= 5)
-    assert finish_plain(problem, state)["status"] == "unfinished"
+    states = []
+    run_search(problem, on_iteration=states.append)
+    assert finish_plain(problem, states[0])["status"] == "unfinished"

@@ -12,11 +12,11 @@ from tests.workers.solver.rigs import simulated
 from tests.workers.solver.test_clock_offset import estimate_offset, marked
 from workers.geometry.models import MODELS
 from workers.solver.baselines import linear_baseline, linear_starts
+from workers.solver.narrowing import run_search
 from workers.solver.outliers import judge
 from workers.solver.polish import polish
-from workers.solver.schedule import run_schedule
 from workers.solver.slot import run_slot, warm_up
-from workers.solver.solution import solve_finish
+from workers.solver.solution import finished
 
 # Seconds of the processor: what other processes take meanwhile does not count.
 SOON_S = 3.0
@@ -77,11 +77,11 @@ def test_a_running_slot_ends_at_once(model, pairs, population):
     assert time.process_time() - stop.at < SOON_S
 
 
-@pytest.mark.parametrize("work", [polish, judge, linear_baseline, solve_finish])
+@pytest.mark.parametrize("work", [polish, judge, linear_baseline, finished])
 def test_what_comes_after_the_search_looks_again_and_again(work):
     problem, truth = simulated("brown_conrady", 5, loss="saturating", schedule={"population": 100, "generations": 8})
-    state, _ = run_schedule(problem)
-    more = {polish: (truth,), judge: (truth,), linear_baseline: (), solve_finish: (state,)}[work]
+    state = run_search(problem)
+    more = {polish: (truth,), judge: (truth,), linear_baseline: (), finished: (state,)}[work]
     calm = Told()
     work(replace(problem, stop=calm), *more)
     assert calm.looks >= (1 if work is linear_baseline else 10)

@@ -14,12 +14,12 @@ from workers.geometry.spherical import axes
 from workers.solver.blocks import blocks_of
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
 from workers.solver.estimate import estimate
+from workers.solver.narrowing import run_search
 from workers.solver.outcomes import SolveError
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
-from workers.solver.schedule import run_schedule
 from workers.solver.uncertainty import uncertainty
 from workers.solver.weighting import search_weights, whitened
 
@@ -133,7 +133,7 @@ def test_few_pairs_may_be_off_by_what_they_state_and_many_say_what_they_share():
 @pytest.mark.parametrize("loss", ["mean", "saturating"])
 def test_a_whole_run_by_covariances(loss):
     problem, truth, _ = unequal("pinhole", 9, loss=loss, schedule=SHORT)
-    solution = finish_plain(problem, run_schedule(problem)[0])
+    solution = finish_plain(problem, run_search(problem))
     assert (solution["status"], solution["weights"]) == ("ok", "covariances")
     assert solution["noise_scale"] == pytest.approx(1.0, abs=0.15)
     assert solution["interval95_half_width"]["f_x"] > abs(solution["intrinsics"]["f_x"] - truth[6]) * 0.5
@@ -141,7 +141,7 @@ def test_a_whole_run_by_covariances(loss):
     understated = replace(
         problem, covariances=Covariances(problem.covariances.points / 9, problem.covariances.marks / 9)
     )
-    assert finish_plain(understated, run_schedule(understated)[0])["noise_scale"] > 1.5
+    assert finish_plain(understated, run_search(understated))["noise_scale"] > 1.5
 
 
 def test_columns_become_covariances():

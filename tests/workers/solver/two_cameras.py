@@ -8,12 +8,12 @@ from apexcal.documents.fit_requests import fit_request
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.projection import project
+from workers.solver.narrowing import advance, start
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.rig_consistency import SolvedCamera
-from workers.solver.schedule import advance, start
 from workers.solver.slot import SlotOutcome
-from workers.solver.solution import solve_finish
+from workers.solver.solution import finished
 
 SIZE = (1280, 960)
 
@@ -67,7 +67,7 @@ def solved(mount, points, pixels, stamps=None, detection=None, **request):
     state = advance(problem, start(problem), [outcome] * problem.schedule.slots)
     columns = dict(zip("xyzuv", np.column_stack([points, pixels]).T.tolist(), strict=True))
     columns["stamp_ns"] = list(range(len(points))) if stamps is None else stamps
-    return SolvedCamera(mount.name, problem, solve_finish(problem, state), columns, detection)
+    return SolvedCamera(mount.name, problem, finished(problem, state).result, columns, detection)
 
 
 def rig_of(seed, noise_px=1.0, **request):

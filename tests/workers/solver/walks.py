@@ -6,8 +6,8 @@ import numpy as np
 
 from tests.workers.solver.rigs import plain, simulated
 from workers.solver.blocks import Blocks, blocks_of
+from workers.solver.narrowing import start
 from workers.solver.residuals import predict
-from workers.solver.schedule import start
 from workers.solver.solution import finished
 
 CORNERS = np.array([[0, 0, 0.42], [0, 0.42, 0], [0, -0.42, 0], [0, 0, -0.42]])

@@ -1,11 +1,12 @@
-"""Algorithm 2: the narrowing schedule as a pure state machine that survives JSON."""
+"""Algorithm 2: the narrowing of the search as a pure state machine that survives JSON."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, cast, get_args
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from apexcal.documents.results import Stopped
 from apexcal.geometry.rotations import shortest_vector
@@ -14,12 +15,11 @@ from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.slot import SlotOutcome, run_slot
 
-_REASONS: Final[tuple[Stopped, ...]] = get_args(Stopped)
 _EXACT_PX: Final = 1e-6  # losses of computed pairs differ by rounding
 
 
 @dataclass(frozen=True)
-class State:
+class SearchState:
     """The state of a run between two iterations.
 
     iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
@@ -40,10 +40,13 @@ class State:
     agreeing: int = 0
 
 
-def start(problem: FitProblem) -> State:
+_STATE: Final = TypeAdapter(SearchState)
+
+
+def start(problem: FitProblem) -> SearchState:
     """The state before the first iteration."""
     lower, upper = problem.lower, problem.upper
-    return State(
+    return SearchState(
         iteration=0,
         best_loss=float("inf"),
         best_parameters=(),
@@ -55,7 +58,7 @@ def start(problem: FitProblem) -> State:
     )
 
 
-def bounds_of(problem: FitProblem, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bounds_of(problem: FitProblem, state: SearchState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(lower, upper) for the next iteration, vectors in the order of `problem.names`."""
     lower, upper = problem.lower, problem.upper
     if state.iteration == 0:
@@ -68,7 +71,7 @@ def bounds_of(problem: FitProblem, state: State) -> tuple[NDArray[np.float64], N
     return np.maximum(lower, centre - half), np.minimum(upper, centre + half)
 
 
-def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) -> State:
+def advance(problem: FitProblem, state: SearchState, outcomes: Sequence[SlotOutcome]) -> SearchState:
     """The state after an iteration, from the outcomes of all its slots in slot order; ties go to the lowest slot."""
     schedule = problem.schedule
     if len(outcomes) != schedule.slots:
@@ -101,7 +104,7 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
     )
 
 
-def _stop(problem: FitProblem, state: State) -> State:
+def _stop(problem: FitProblem, state: SearchState) -> SearchState:
     schedule = problem.schedule
     reason: Stopped | None = None
     if schedule.goal_px is not None and state.best_loss <= schedule.goal_px:
@@ -115,70 +118,35 @@ def _stop(problem: FitProblem, state: State) -> State:
     return replace(state, stopped=reason)
 
 
-def to_document(state: State) -> dict[str, Any]:
+def to_document(state: SearchState) -> dict[str, Any]:
     """JSON form. Floats survive it exactly; the infinite loss before the first iteration is null."""
-    return {
-        "iteration": state.iteration,
-        "best_loss": state.best_loss if state.iteration else None,
-        "best_parameters": list(state.best_parameters),
-        "half_width": list(state.half_width),
-        "stalled": state.stalled,
-        "evaluations": state.evaluations,
-        "agreeing": state.agreeing,
-        "first_slot_parameters": [list(parameters) for parameters in state.first_slot_parameters],
-        "history": list(state.history),
-        "stopped": state.stopped,
-    }
+    return asdict(state) | {"best_loss": state.best_loss if state.iteration else None}
 
 
-def from_document(document: Mapping[str, Any]) -> State:
+def from_document(document: Mapping[str, Any]) -> SearchState:
     """The state of its JSON form."""
-
-    def numbers(key: str) -> tuple[float, ...]:
-        return tuple(float(value) for value in cast("Sequence[float]", document[key]))
-
-    loss = document["best_loss"]
-    return State(
-        iteration=int(document["iteration"]),
-        best_loss=float("inf") if loss is None else float(loss),
-        best_parameters=numbers("best_parameters"),
-        half_width=numbers("half_width"),
-        stalled=int(document["stalled"]),
-        agreeing=int(document["agreeing"]),
-        evaluations=int(document["evaluations"]),
-        history=numbers("history"),
-        stopped=next((reason for reason in _REASONS if reason == document["stopped"]), None),
-        first_slot_parameters=tuple(
-            tuple(float(value) for value in parameters) for parameters in document["first_slot_parameters"]
-        ),
-    )
+    loss = float("inf") if document["best_loss"] is None else document["best_loss"]
+    return _STATE.validate_python({**document, "best_loss": loss})
 
 
-def run_schedule(
+def run_search(
     problem: FitProblem,
     on_slot: Callable[[int, int, SlotOutcome], None] | None = None,
-    on_iteration: Callable[[State], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-) -> tuple[State, list[list[SlotOutcome]]]:
+    on_iteration: Callable[[SearchState], None] | None = None,
+) -> SearchState:
     """The whole run in one go, through the same functions as a farmed one.
 
-    on_slot(iteration, slot, outcome) and on_iteration(state) report progress. should_stop is asked before every
-    slot; where it says yes the state of the last whole iteration comes back, with stopped None.
+    on_slot(iteration, slot, outcome) and on_iteration(state) report progress.
     """
     state = start(problem)
-    iterations: list[list[SlotOutcome]] = []
     while state.stopped is None:
         lower, upper = bounds_of(problem, state)
         outcomes: list[SlotOutcome] = []
         for slot in range(problem.schedule.slots):
-            if should_stop is not None and should_stop():
-                return state, iterations
-            outcome = run_slot(problem, lower.tolist(), upper.tolist(), state.iteration, slot)
-            outcomes.append(outcome)
+            outcomes.append(run_slot(problem, lower.tolist(), upper.tolist(), state.iteration, slot))
             if on_slot is not None:
-                on_slot(state.iteration, slot, outcome)
+                on_slot(state.iteration, slot, outcomes[-1])
         state = advance(problem, state, outcomes)
-        iterations.append(outcomes)
         if on_iteration is not None:
             on_iteration(state)
-    return state, iterations
+    return state

@@ -1,4 +1,5 @@
 import json
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.workers.solver.rigs import simulated
+from workers.solver.narrowing import advance, bounds_of, from_document, run_search, start, to_document
 from workers.solver.outcomes import SolveError
 from workers.solver.polish import polish
-from workers.solver.schedule import advance, bounds_of, from_document, run_schedule, start, to_document
 from workers.solver.slot import SlotOutcome, run_slot
 
 SHORT = {"slots": 4, "population": 160, "generations": 8, "max_iterations": 5}
@@ -24,7 +25,8 @@ def outcomes_of(losses):
 
 
 def test_one_go_is_the_same_as_stepping_slots_in_any_order_through_json():
-    whole, iterations = run_schedule(PROBLEM)
+    iterations = defaultdict(list)
+    whole = run_search(PROBLEM, lambda iteration, slot, outcome: iterations[iteration].append(outcome))
     rng, state = np.random.default_rng(0), start(PROBLEM)
     while state.stopped is None:
         state = from_document(json.loads(json.dumps(to_document(state), allow_nan=False)))
@@ -32,13 +34,12 @@ def test_one_go_is_the_same_as_stepping_slots_in_any_order_through_json():
         found = {}
         for slot in rng.permutation(PROBLEM.schedule.slots):
             sent = json.loads(json.dumps([lower.tolist(), upper.tolist()]))
-            outcome = run_slot(PROBLEM, sent[0], sent[1], state.iteration, int(slot))
-            found[int(slot)] = SlotOutcome.from_document(json.loads(json.dumps(outcome.to_document())))
+            found[int(slot)] = run_slot(PROBLEM, sent[0], sent[1], state.iteration, int(slot))
         in_order = [found[slot] for slot in sorted(found)]
         assert in_order == iterations[state.iteration]
         state = advance(PROBLEM, state, in_order)
     assert state == whole
-    assert state.evaluations == sum(o.evaluations for outcomes in iterations for o in outcomes)
+    assert state.evaluations == sum(o.evaluations for outcomes in iterations.values() for o in outcomes)
 
 
 @settings(deadline=None)
@@ -102,8 +103,9 @@ def test_slots_agree_on_the_lowest_loss_alone():
 def test_by_default_two_polished_slots_are_enough():
     for seed in range(3):
         problem, truth = simulated("brown_conrady", 70 + seed, mount_deg=100, rotation_range_deg=180)
-        state, (outcomes, *_) = run_schedule(problem)
-        assert (len(outcomes), state.stopped, state.iteration) == (2, "agreed", 1)
+        slots = []
+        state = run_search(problem, lambda iteration, slot, outcome, slots=slots: slots.append(slot))
+        assert (slots, state.stopped, state.iteration) == ([0, 1], "agreed", 1)
         assert polish(problem, state.best_parameters).cost < 1.001 * polish(problem, truth).cost
 
 
@@ -115,14 +117,8 @@ def test_slots_must_all_report():
         advance(PROBLEM, stopped, outcomes_of([1, 2, 3, 4]))
 
 
-def test_progress_and_stopping_from_outside():
+def test_progress_is_reported():
     slots, states = [], []
-    state, iterations = run_schedule(
-        PROBLEM,
-        on_slot=lambda iteration, slot, outcome: slots.append((iteration, slot)),
-        on_iteration=states.append,
-        should_stop=lambda: len(slots) == 6,
-    )
-    assert slots == [(0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 1)]
-    assert state == states[-1]
-    assert (state.iteration, state.stopped, len(iterations)) == (1, None, 1)
+    state = run_search(PROBLEM, lambda iteration, slot, outcome: slots.append((iteration, slot)), states.append)
+    assert slots == [(iteration, slot) for iteration in range(state.iteration) for slot in range(4)]
+    assert state == states[-1] and [each.iteration for each in states] == [*range(1, state.iteration + 1)]
