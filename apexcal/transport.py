@@ -72,7 +72,7 @@ class HttpTransport:
 
     def get(self, path: str, kind: type[M], /, **query: Any) -> M:
         """GET a document of this kind. ``None`` values of the query are left out."""
-        return read(self.send("GET", path, params=_given(query)), kind)
+        return read(self.send("GET", path, params=without_none(query)), kind)
 
     def items(self, path: str, kind: type[M], /, **query: Any) -> Iterator[M]:
         """Every item of a paged list, page after page."""
@@ -111,7 +111,7 @@ class HttpTransport:
 
         Raises ForeignAnswerError unless it is a whole answer in that format, with the SHA-256 that it states.
         """
-        params = _given({"format": format, **query})
+        params = without_none({"format": format, **query})
         identity = {"Accept-Encoding": "identity"}
         response = self.send("GET", path, params=params, headers=identity, is_limited=True)
         check_document(response.request.url, response, f"application/vnd.apexcal.{format}+")
@@ -119,7 +119,7 @@ class HttpTransport:
 
     def delete(self, path: str, **query: Any) -> None:
         """DELETE; nothing is answered."""
-        self.send("DELETE", path, params=_given(query))
+        self.send("DELETE", path, params=without_none(query))
 
     def send(
         self, method: str, path: str, *, is_limited: bool = False, **request: Unpack[RequestParts]
@@ -133,7 +133,7 @@ class HttpTransport:
         strange = not_finite(request.get("json"))
         if strange is not None:
             raise InputError(f"{strange or 'what would be sent'} is not a finite number", "JSON has no such numbers.")
-        parts = _given(request)
+        parts = without_none(request)
 
         def ask() -> httpx.Response:
             with self._http.stream(method, path, **parts) as streamed:
@@ -211,5 +211,6 @@ def _refusal(response: httpx.Response) -> ApiError:
     return problem_of(response, {"code": "not_a_problem_document", "detail": sentence, "hint": hint})
 
 
-def _given(query: Mapping[str, Any]) -> dict[str, Any]:
+def without_none(query: Mapping[str, Any]) -> dict[str, Any]:
+    """The members that are not None."""
     return {name: value for name, value in query.items() if value is not None}

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 from math import ceil
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,6 +17,7 @@ from apexcal.commands.options import FleetOption, FoldsOption, ModelsOption, Pre
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.terminal import FAILED, WITHHELD, usage
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, DryRunView, FleetRequestView, RequestVehicleView
+from apexcal.transport import without_none
 
 _SHOWN = 20
 
@@ -61,9 +62,11 @@ def calibrate_fleet(
             "--follow, --retry and --cancel take a request that was made; the other options are for a new one",
             "Leave the others out",
         )
-    calibration = _given(models=model or None, preset=preset, folds=folds)
+    calibration = without_none({"models": model or None, "preset": preset, "folds": folds})
     calibration["publish"] = "recommended" if publish else "none"
-    vehicles = _given(name=name, rig=rig, not_calibrated_since=_moment(since), new_pairs=new_pairs or None)
+    vehicles = without_none(
+        {"name": name, "rig": rig, "not_calibrated_since": _moment(since), "new_pairs": new_pairs or None}
+    )
     client = session.client
     if dry_run:
         preview = client.fleet_requests.preview(find_fleet(client, fleet).id, vehicles, **calibration)
@@ -88,10 +91,6 @@ def _ended(client: Client, request: FleetRequestView) -> Reply:
     is_withheld = publishes and not all(outcome.published for _, _, outcome in outcomes)
     code = FAILED if request.state != "done" else WITHHELD if is_withheld else 0
     return Reply(request, "\n".join(lines), code)
-
-
-def _given(**options: Any) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def _moment(since: str | None) -> str | None:

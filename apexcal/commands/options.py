@@ -82,9 +82,6 @@ VehicleOption = Annotated[
 RigOption = Annotated[str, typer.Option(help="Rig, by name or id; needed where there are several.")]
 CameraOption = Annotated[str, typer.Option(help="Camera; needed where there are several.")]
 CamerasOption = Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")]
-VehicleArgument = Annotated[
-    str, typer.Argument(help="Vehicle, by name, id or @last.", autocompletion=_complete_vehicle)
-]
 RecordingArgument = Annotated[
     str, typer.Argument(help="Recording, by name, id or @last.", autocompletion=_complete_recording)
 ]

@@ -88,7 +88,7 @@ def _camera_and_marks(
     columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)
     return {
         "camera": camera.name,
-        "problem": camera_request(of_rig, parse_model(model)).model_dump(mode="json"),
+        "fit_request": camera_request(of_rig, parse_model(model)).model_dump(mode="json"),
         "marks": {name: list(column) for name, column in columns},
     }
 

@@ -108,16 +108,19 @@ def _poses(
         others = [frame for name, frame in frames.items() if name != camera.name]
         pose, is_new = _pose(tree, T_camera_lidar, others, joints.get(camera.name))
         tree.put(Joint(pose.from_frame, True, pose))
-        poses.append(
-            {
-                "parent": pose.to_frame,
-                "child": pose.from_frame,
-                "translation_m": numbers(pose.t),
-                "quaternion_xyzw": pose.quaternion_xyzw,
-                "is_new": is_new,
-            }
-        )
+        poses.append(planned_pose(pose, is_new=is_new))
     return poses
+
+
+def planned_pose(pose: SE3, *, is_new: bool) -> Json:
+    """A pose as the worker writes it; ``is_new``: in no recorded transform's place."""
+    return {
+        "parent": pose.to_frame,
+        "child": pose.from_frame,
+        "translation_m": numbers(pose.t),
+        "quaternion_xyzw": pose.quaternion_xyzw,
+        "is_new": is_new,
+    }
 
 
 def _pose(tree: FrameTree, T_camera_lidar: SE3, others: Sequence[str], named: str | None) -> tuple[SE3, bool]:

@@ -150,7 +150,7 @@ def _question(session: Session, detection: Detection, camera: str, answered: int
     sources = [CameraPairs(rig_camera(session, session.get_one(Rig, recording.rig_id), camera), pairs)]
     sources = with_recorded_lenses(session, template, sources)
     fit = _usual(plan_request(template, sources).fits, sources[0])
-    question = {"camera": camera, "answered": answered, "problem": fit.of_fold(-1)}
+    question = {"camera": camera, "answered": answered, "fit_request": fit.of_fold(-1)}
     row = analysis_of(recording, "precision", question, detection.id)
     row.single_pairs = built.columns
     return row

@@ -9,9 +9,8 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.copies import CopyRequest
 from apexcal.geometry.se3 import SE3
-from service.analyses.copy_plan import frame_of, recorded_cameras
+from service.analyses.copy_plan import frame_of, planned_pose, recorded_cameras
 from service.exports.calibrated import CalibratedCamera
-from service.exports.format import numbers
 from service.platform.db.base import Json
 from service.platform.db.fleets import Vehicle
 from service.platform.db.recordings import Recording
@@ -92,13 +91,4 @@ def _poses(lidar: str, cameras: Sequence[CalibratedCamera], frames: dict[str, st
     if stated is not None and stated.to_frame not in (lidar, *frames.values()):
         poses.append(replace(stated, from_frame=lidar))
     poses += [replace(camera.T_lidar_camera, to_frame=lidar, from_frame=frames[camera.name]) for camera in cameras]
-    return [
-        {
-            "parent": pose.to_frame,
-            "child": pose.from_frame,
-            "translation_m": numbers(pose.t),
-            "quaternion_xyzw": pose.quaternion_xyzw,
-            "is_new": True,
-        }
-        for pose in poses
-    ]
+    return [planned_pose(pose, is_new=True) for pose in poses]

@@ -21,7 +21,7 @@ from service.annotations.disclosure_actions import keys_of, record_disclosures
 from service.annotations.locks import lock_person
 from service.annotations.progress_queries import opinions_of
 from service.crops.confirmation_actions import keep_outcome
-from service.crops.pictures import image_of, room_in, tile_of
+from service.crops.pictures import image_of, limits_in, tile_of
 from service.crops.queries import (
     PageOutcome,
     has_hand_answer,
@@ -119,8 +119,8 @@ def _draw(session: Session, analysis: Analysis, camera: Sensor, marks: dict[UUID
             continue
         mark = marks[vertex_id]
         side_px = side_of(mark["edge_px"])
-        room = room_in(tile_of(mark), side_px, width, height)
-        shown = ShownMark(vertex_id, mark["u"], mark["v"], side_px, *expected_pixel(mark), room)
+        limits_px = limits_in(tile_of(mark), side_px, width, height)
+        shown = ShownMark(vertex_id, mark["u"], mark["v"], side_px, *expected_pixel(mark), limits_px)
         (confirmed if opinions else unjudged).append(shown)
     return draw_page(unjudged, confirmed, SystemRandom()) if unjudged else []
 

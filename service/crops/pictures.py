@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final
 from urllib.parse import quote
 from uuid import UUID
 
 from apexcal.documents.crops import CropImage
 from apexcal.documents.machine_marks import TILE_COLUMNS
-from service.crops.shifts import Room
+from service.crops.shifts import MarkLimits
 from service.platform.db.base import Json
 from service.platform.db.recordings import Sensor
 
@@ -28,10 +28,6 @@ class Tile:
     tile_offset: int
     tile_length: int
 
-    def document(self) -> Json:
-        """The tile as a page keeps it."""
-        return asdict(self)
-
 
 def tile_of(row: Json) -> Tile | None:
     """The tile of a mark, or of a page's crop; None where the worker had no room for it."""
@@ -39,7 +35,7 @@ def tile_of(row: Json) -> Tile | None:
     return None if None in values else Tile(*values)  # pyright: ignore[reportArgumentType] - none is None
 
 
-def room_in(tile: Tile | None, side_px: float, width: int, height: int) -> Room:
+def limits_in(tile: Tile | None, side_px: float, width: int, height: int) -> MarkLimits:
     """Least and largest u, and v, at which a mark can be drawn in a frame of this size."""
     if tile is None:
         return (0.0, width - 1.0), (0.0, height - 1.0)

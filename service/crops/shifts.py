@@ -26,7 +26,7 @@ def shift_px(side_px: float) -> float:
     return math.sqrt((most**3 - least**3) / (6.0 * (most - least)))
 
 
-Room = tuple[tuple[float, float], tuple[float, float]]
+MarkLimits = tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class ShownMark:
     """A mark of the machine as a crop may show it: its pixel and the crop's side.
 
     ``expected_u``, ``expected_v``: the pixel about which it is expected, which people may know.
-    ``room``: least and largest u, then v, at which its picture can show a mark.
+    ``limits_px``: least and largest u, then v, at which its picture can show a mark.
     """
 
     vertex_id: UUID
@@ -43,7 +43,7 @@ class ShownMark:
     side_px: float
     expected_u: float
     expected_v: float
-    room: Room
+    limits_px: MarkLimits
 
 
 class DrawnCrop(NamedTuple):
@@ -79,7 +79,7 @@ def _shifted(mark: ShownMark, random: Random) -> DrawnCrop | None:
     A turn about a point, by any angle, of points in all directions of it gives points in all directions of it: where
     it is drawn says nothing of whether it was turned.
     """
-    (left, right), (top, bottom) = mark.room
+    (left, right), (top, bottom) = mark.limits_px
     centre = complex(mark.expected_u, mark.expected_v)
     arm = complex(mark.u, mark.v) - centre
     for _ in range(_TRIES):

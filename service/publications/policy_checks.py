@@ -48,7 +48,7 @@ def policy_check(
     required = policy.required_checks or []
     if not limits and not required:
         return None
-    measured = _measures(session, result, with_coverage="coverage" in limits)
+    measured = _measures(session, result, with_cells="coverage" in limits)
     missed = [
         _sentence(name, limit, measured[name]) for name, limit in limits.items() if _misses(name, limit, measured)
     ]
@@ -86,7 +86,7 @@ def _sentence(name: str, limit: float, value: float | None) -> str:
     return f"The policy asks for {bound} {limit:g}{unit} as {rule.what}; {is_now}."
 
 
-def _measures(session: Session, result: Result, *, with_coverage: bool) -> dict[str, float | None]:
+def _measures(session: Session, result: Result, *, with_cells: bool) -> dict[str, float | None]:
     std = result.published.std
     metres = _largest(std, _SHIFTS)
     return {
@@ -94,7 +94,7 @@ def _measures(session: Session, result: Result, *, with_coverage: bool) -> dict[
         "halves_ratio": max((half.ratio for half in result.published.halves), default=None),
         "std_deg": _largest(std, _TURNS),
         "std_mm": None if metres is None else 1000.0 * metres,
-        "coverage": _coverage(session, result) if with_coverage else None,
+        "coverage": _share_of_cells(session, result) if with_cells else None,
     }
 
 
@@ -105,7 +105,7 @@ def _largest(std: Mapping[str, float | None], names: Sequence[str]) -> float | N
     return max(determined) if determined and len(determined) == len(deviations) else None
 
 
-def _coverage(session: Session, result: Result) -> float | None:
+def _share_of_cells(session: Session, result: Result) -> float | None:
     """The share of the image's cells that hold at least one pair that the fit did not leave out."""
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id).columns

@@ -35,8 +35,8 @@ def _needed(name: str, extras: tuple[str, ...], found: set[str]) -> set[str]:
     return found
 
 
-def installed(folder: Path, *extras: str, rooms: tuple[str, ...] = ("apexcal",)) -> Path:
-    """A folder that holds what the package requires with these extras, and of its own these rooms alone."""
+def installed(folder: Path, *extras: str, packages: tuple[str, ...] = ("apexcal",)) -> Path:
+    """A folder that holds what the package requires with these extras, and of its own these packages alone."""
     for name in {name.partition("[")[0] for name in _needed("apexcal", ("", *extras), set())} - {"apexcal"}:
         one = distribution(name)
         for top in {file.parts[0] for file in one.files or () if file.parts[0] not in ("..", "__pycache__")}:
@@ -44,8 +44,8 @@ def installed(folder: Path, *extras: str, rooms: tuple[str, ...] = ("apexcal",))
                 (folder / top).symlink_to(Path(str(one.locate_file(top))))
     facts = next(Path(sysconfig.get_path("purelib")).glob("apexcal-*.dist-info"))
     (folder / facts.name).symlink_to(facts)
-    for room in rooms:
-        (folder / room).symlink_to(Path(apexcal.__file__).parents[1] / room)
+    for package in packages:
+        (folder / package).symlink_to(Path(apexcal.__file__).parents[1] / package)
     return folder
 
 
@@ -106,13 +106,13 @@ IMAGES: Final = {
 
 @pytest.mark.parametrize("extra", IMAGES)
 def test_an_image_needs_its_extra_alone(tmp_path: Path, extra: str) -> None:
-    """The API migrates and describes itself; of its last room every module is imported."""
-    rooms, absent, begins = IMAGES[extra]
+    """The API migrates and describes itself; of its last package every module is imported."""
+    packages, absent, begins = IMAGES[extra]
     (tmp_path / "image").mkdir()
-    folder = installed(tmp_path / "image", extra, rooms=("apexcal", *rooms))
+    folder = installed(tmp_path / "image", extra, packages=("apexcal", *packages))
     assert not absent & {path.name for path in folder.iterdir()}
     root = Path(apexcal.__file__).parents[1]
-    files = (file.relative_to(root).with_suffix("") for file in (root / rooms[-1]).rglob("*.py"))
+    files = (file.relative_to(root).with_suffix("") for file in (root / packages[-1]).rglob("*.py"))
     left_out = {"__init__", "__main__", "migrations"}
     modules = [".".join(file.parts) for file in files if not left_out & {*file.parts}]
     code = f"{begins}; import importlib; [importlib.import_module(name) for name in sys.argv[1:]]"

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,12 @@ from rosbags.typesys import get_types_from_msg
 
 from apexcal.commands.solve import _left_undone
 from apexcal.geometry.frame_tree import urdf_tree
+from apexcal.processes import die_with, tied_to_this
 from benchmarks.demo.truth import Truth
 from tests.apexcal.test_cli import apexcal
 from tests.apexcal.test_inspection import TYPES, shifted, write
 from tests.apexcal.test_rectified_images import mark
 from tests.support import walks
-from tests.support.processes import die_with_parent
 from tests.support.served import Embedded
 
 COMMAND = (sys.executable, "-m", "apexcal.cli", "solve")
@@ -52,7 +53,7 @@ def test_a_person_at_the_terminal_is_asked_only_what_the_file_does_not_say(simul
     words = (str(simulated / "recording.bag"), "-o", str(tmp_path / "out.urdf"), "--camera", "rear")
     terminal, inside = pty.openpty()
     with subprocess.Popen(
-        [*COMMAND, *words], stdin=inside, stdout=inside, stderr=inside, preexec_fn=die_with_parent
+        [*COMMAND, *words], stdin=inside, stdout=inside, stderr=inside, preexec_fn=tied_to_this()
     ) as process:
         os.close(inside)
         shown = until(terminal, "Where does front look")
@@ -166,12 +167,14 @@ def test_it_goes_on_once_a_person_has_marked_and_takes_the_same_rig_again(embedd
 
 def started(*words: str) -> subprocess.Popen[str]:
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen([*COMMAND, *words], **pipes, text=True, preexec_fn=_as_from_a_terminal)
+    return subprocess.Popen(
+        [*COMMAND, *words], **pipes, text=True, preexec_fn=partial(_as_from_a_terminal, os.getpid())
+    )
 
 
-def _as_from_a_terminal() -> None:
+def _as_from_a_terminal(parent: int) -> None:
     """Tests that run in the background ignore Ctrl-C, and what they start would, too."""
-    die_with_parent()
+    die_with(parent)
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -1,7 +1,6 @@
 """Children that never outlive the tests."""
 
 import contextlib
-import ctypes
 import os
 import signal
 import socket
@@ -12,13 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None, use_errno=True)
-
-
-def die_with_parent() -> None:
-    """For ``preexec_fn``: the child is killed when the thread that starts it ends, however that ends."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+from apexcal.processes import tied_to_this
 
 
 def start(command: list[str], log: Path, **options: Any) -> subprocess.Popen[bytes]:
@@ -29,7 +22,7 @@ def start(command: list[str], log: Path, **options: Any) -> subprocess.Popen[byt
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            preexec_fn=die_with_parent,
+            preexec_fn=tied_to_this(),
             **options,
         )
 

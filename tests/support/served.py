@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from apexcal.embedded.folder import read_status
-from tests.support.processes import die_with_parent
+from apexcal.processes import tied_to_this
 
 SERVE = (sys.executable, "-m", "apexcal.cli", "serve", "--port", "0", "--workers", "2", "--json")
 
@@ -40,9 +40,7 @@ class Embedded:
 def start(data: Path, *more: str, environment: Mapping[str, str] | None = None) -> Embedded:
     """Start it, and wait until it is up."""
     command = [*SERVE, "--data", str(data), *more]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=die_with_parent
-    )
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=tied_to_this())
     assert process.stdout
     line = process.stdout.readline()
     assert line, f"the service did not start: exit code {process.wait()}"

@@ -70,12 +70,7 @@ def candidates(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
     """Return the topics that a program may offer its user to choose from, as plain data."""
     listed: list[dict[str, Any]] = []
     for sensor in sensors[:_MOST_LISTED]:
-        entry: dict[str, Any] = {
-            "name": sensor.name,
-            "kind": sensor.kind,
-            "count": sensor.count,
-            "frame_id": sensor.frame_id,
-        }
+        entry: dict[str, Any] = {name: getattr(sensor, name) for name in ("name", "kind", "count", "frame_id")}
         entry |= {key: int(sensor.notes[key]) for key in ("width", "height") if sensor.notes.get(key, "").isdigit()}
         listed.append(entry | {key: sensor.notes[key] for key in ("fields", "rate_hz") if sensor.notes.get(key)})
     return listed

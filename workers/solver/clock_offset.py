@@ -7,7 +7,7 @@ by its own noise and by the track's covariance as the image sees it; marks far f
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,10 +55,6 @@ class OffsetEstimate:
     unseen: int
     speed_px_s: float
     message: str
-
-    def to_document(self) -> dict[str, Any]:
-        """JSON form."""
-        return dict(vars(self))
 
 
 def estimate_offset(

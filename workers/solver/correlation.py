@@ -16,7 +16,7 @@ from math import exp, inf, log, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy  # its rooms are loaded by their first use
+import scipy  # its subpackages are loaded by their first use
 from numba import njit
 from numpy.typing import NDArray
 

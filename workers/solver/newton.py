@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy  # its rooms are loaded by their first use
+import scipy  # its subpackages are loaded by their first use
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from math import inf, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy  # its rooms are loaded by their first use
+import scipy  # its subpackages are loaded by their first use
 from numpy.typing import NDArray
 
 from apexcal.geometry.rotations import shortest_vector

@@ -1,1 +1,1 @@
-"""Thin tasks: claim, load, call a pure room, write and finish."""
+"""Thin tasks: claim, load, call a pure package, write and finish."""

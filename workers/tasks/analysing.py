@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from itertools import count
 from uuid import UUID
 
@@ -76,11 +77,11 @@ def clock_offset(context: Context, claim: Claim, lease: Lease) -> Callable[[Sess
         Track.of(vertices),
         np.array(marks["stamp_ns"], np.int64),
         np.column_stack([marks["u"], marks["v"]]).astype(np.float64),
-        FitRequest.model_validate(analysis.asked["problem"]),
+        FitRequest.model_validate(analysis.asked["fit_request"]),
         stop=lease,
         about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )
-    result: Json = estimate.to_document()
+    result: Json = asdict(estimate)
     return lambda session: result
 
 

@@ -43,17 +43,17 @@ Work = Callable[[Context, Claim, Lease], Callable[[Session], object]]
 What that returns is handed over to the resource (`service.platform.handovers`)."""
 
 
-def _of(room: str, kind: str) -> Work:
+def _of(module: str, kind: str) -> Work:
     """The function of this name. Its module is loaded by need: solver and detectors are half a worker's memory."""
 
     def do(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], object]:
-        work: Work = getattr(import_module(f"workers.tasks.{room}"), kind)
+        work: Work = getattr(import_module(f"workers.tasks.{module}"), kind)
         return work(context, claim, lease)
 
     return do
 
 
-_ROOMS = {
+_MODULES = {
     "ingest": "ingesting",
     "calibrated_copy": "copying",
     "preview": "analysing",
@@ -72,7 +72,7 @@ _ROOMS = {
     "lane_validation": "validating",
     "edge_validation": "validating",
 }
-WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
+WORK: dict[str, Work] = {kind: _of(module, kind) for kind, module in _MODULES.items()}
 # The modules that need no kernels.
 _READING = {"ingesting", "copying", "cornering"}
 
@@ -92,10 +92,10 @@ _TRIES_WITHOUT_ROOM = 4
 
 def prepare(queues: Collection[str]) -> None:
     """Load what jobs of these queues need, and compile kernels: before the pool is forked, so that it shares them."""
-    rooms = {_ROOMS[kind.name] for kind in kinds() if kind.queue in queues}
-    for room in sorted(rooms):
-        import_module(f"workers.tasks.{room}")
-    if rooms - _READING:
+    modules = {_MODULES[kind.name] for kind in kinds() if kind.queue in queues}
+    for module in sorted(modules):
+        import_module(f"workers.tasks.{module}")
+    if modules - _READING:
         import_module("workers.tasks.warming").warm_up()
 
 

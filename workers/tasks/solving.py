@@ -170,7 +170,7 @@ def precision(context: Context, claim: Claim, lease: Lease) -> Write:
     with context.database.reading() as session:
         analysis = session.get_one(Analysis, claim.subject_id)
         question, pairs = analysis.asked, analysis.single_pairs or {}
-    run_input = read_run(question["problem"], FULL, pairs, lease)
+    run_input = read_run(question["fit_request"], FULL, pairs, lease)
     state = run_search(run_input.problem)
     result = solved(run_input, state)
     middle = result.prediction and result.prediction.middle_at(20.0)

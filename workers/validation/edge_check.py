@@ -28,7 +28,7 @@ from workers.validation.mount_verdict import (
     Summits,
     judge_mount,
 )
-from workers.validation.offsets import MOST_GROUPS, curve_offsets, look_up, total
+from workers.validation.offsets import MOST_GROUPS, curve_offsets, group_mean, look_up
 
 Floats = NDArray[np.float64]
 _ONE_DEGREE: Final = np.radians([[0.0, 1.0, 0, 0, 0, 0], [0.0, -1.0, 0, 0, 0, 0]])
@@ -123,4 +123,4 @@ class EdgeCheck:
             parts = frame.parts(self.calibration)
             if len(parts.pixels):
                 look_up(frame.maps, frame.scale, *parts, offsets, sums, counts)
-        return total(sums, counts) / UNIT
+        return group_mean(sums, counts) / UNIT

@@ -16,7 +16,7 @@ from workers.validation.bright_paint import bright_pixels
 from workers.validation.calibration import KnownCalibration
 from workers.validation.lane_markers import lane_markers
 from workers.validation.motion import STANDING, Motion
-from workers.validation.offsets import MOST_GROUPS, curve_offsets, find_peak, look_up, parts_of, total, turn_grid
+from workers.validation.offsets import MOST_GROUPS, curve_offsets, find_peak, group_mean, look_up, parts_of, turn_grid
 from workers.validation.road_verdict import ScoredDrive, judge
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,7 @@ class LaneCheck:
     def result(self) -> dict[str, Any]:
         """Return the document of a road score."""
         turns = slice(0, len(self._turns))
-        score = total(self._sums, self._counts)
+        score = group_mean(self._sums, self._counts)
         peak = find_peak(self._turns, self._sums[turns], self._counts[turns])
         start = len(self._turns)
         for curve in self._curves:
@@ -67,4 +67,4 @@ class LaneCheck:
             start += len(curve["at"])
         at_zero, at_one = float(score[start]), float(score[start + 1 : start + 3].max())
         watched = ScoredDrive("lane markers", self._frames, self._markers, self._points, at_zero, at_one, peak)
-        return judge(watched) | {"chance": float(total(*self._plain)[0]), "curves": self._curves}
+        return judge(watched) | {"chance": float(group_mean(*self._plain)[0]), "curves": self._curves}

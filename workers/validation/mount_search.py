@@ -18,7 +18,7 @@ from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotatio
 from workers.geometry.projection import project
 from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_frames import UNIT, EdgeFrame
-from workers.validation.offsets import MOST_GROUPS, jackknife, look_up
+from workers.validation.offsets import MOST_GROUPS, group_mean, jackknife, look_up
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +135,7 @@ class MountSearch:
             every = 1 if stage == len(_STAGES) - 1 else max(self._edges // _MIDDLE_EDGES, 1)
             for _ in range(_ROUNDS):
                 sums, counts, samples = self._around(mount, free, window, stage, every)
-                step = _summits(samples, _mean(sums, counts)[:, None])[:, 0]
+                step = _summits(samples, group_mean(sums, counts)[:, None])[:, 0]
                 moved = np.zeros(6)
                 moved[list(free)] = step * window[list(free)]
                 mount = mount.moved(np.degrees(moved[:3]), moved[3:])
@@ -170,7 +170,7 @@ class MountSearch:
         window = (_AROUND * _STAGES[-1][1])[list(free)]
         there = counts[0] > 0
         without = _without_each(sums[:, there], counts[:, there])
-        summits, flat = _summits(samples, without), _flat(samples, _mean(sums, counts))
+        summits, flat = _summits(samples, without), _flat(samples, group_mean(sums, counts))
         groups = int(np.count_nonzero(there))
         spread = (summits - summits.mean(axis=1, keepdims=True)) * window[:, None]
         covariance = np.zeros((6, 6))
@@ -225,10 +225,6 @@ def _looked_up(
                 whole += across[i, c] * maps[of_frame[i], c, row, column]
             count += np.hypot(across[i, 0], across[i, 1])
     return whole, count
-
-
-def _mean(sums: Floats, counts: Floats) -> Floats:
-    return sums.sum(axis=1) / np.maximum(counts.sum(axis=1), 1.0)
 
 
 def _without_each(sums: Floats, counts: Floats) -> Floats:

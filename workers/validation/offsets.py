@@ -128,7 +128,7 @@ def look_up(
                 counts[k, group[i]] += np.sqrt(square)
 
 
-def total(sums: Floats, counts: Floats) -> Floats:
+def group_mean(sums: Floats, counts: Floats) -> Floats:
     """(K,) mean value over all groups."""
     return sums.sum(axis=1) / np.maximum(counts.sum(axis=1), 1.0)
 

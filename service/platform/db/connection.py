@@ -1,7 +1,7 @@
 """How long a connection to PostgreSQL waits, and how long the server waits for us.
 
 A host that vanishes answers nothing, not even that it is gone. By itself TCP tries for a quarter of an hour to send
-something to it, and waits two hours or more for an answer. That long the sweep would stand still, or the locks of a
+something to it, and waits two hours or more for an answer. That long the reaper would stand still, or the locks of a
 worker that vanished would hold up everybody else.
 """
 

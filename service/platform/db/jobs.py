@@ -115,7 +115,7 @@ class Worker(Base):
 
 
 class Heartbeat(Base):
-    """When something that must keep happening last happened, for example the sweep."""
+    """When something that must keep happening last happened, for example the reaper's pass."""
 
     name: Mapped[str] = mapped_column(String(40), primary_key=True)
     at: Mapped[datetime]

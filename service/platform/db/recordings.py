@@ -30,7 +30,7 @@ from service.platform.db.base import (
 class Blob(Base):
     """One object of the store, reserved here before its first byte is written.
 
-    ``reserved`` may hold bytes or not; ``stored`` is durable and in use; ``condemned`` is removed by the sweep.
+    ``reserved`` may hold bytes or not; ``stored`` is durable and in use; ``condemned`` is removed by the reaper.
     ``job_id`` and ``attempt`` say whose work a reservation is; an upload part's has none. One that the store did not
     remove is tried again after ``remove_after``.
     """

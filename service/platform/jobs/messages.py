@@ -78,7 +78,7 @@ class Sender:
                     name = task_of(message.kind)
                     self._app.send_task(name, args=(message.job_id,), producer=producer, retry=False)
         except OperationalError as error:
-            log.warning("the broker does not answer (%s); the sweep sends %d messages later", error, len(messages))
+            log.warning("the broker does not answer (%s); the reaper sends %d messages later", error, len(messages))
 
     def close(self) -> None:
         """Close the connections to the broker, if there were messages."""

@@ -63,7 +63,7 @@ def reap(database: Database, store: Store, gets_on: Callable[[], None] = lambda:
         except Exception as error:
             if is_away(error):
                 raise
-            log.exception("a step of the sweep failed")
+            log.exception("a step of the reaper failed")
             failures.append(error)
     if failures:
         raise failures[0]
@@ -121,7 +121,7 @@ def _decide(
                 decide(session, job)
     except Exception:
         # One job that cannot be decided must not keep the reaper from all the others.
-        log.exception("the sweep could not decide job %d", job_id)
+        log.exception("the reaper could not decide job %d", job_id)
 
 
 def _recover(session: Session, job: Job) -> None:
@@ -152,7 +152,7 @@ def _end_cancelled(database: Database) -> None:
     except Exception as error:
         if is_away(error):
             raise
-        log.exception("the sweep could not end cancelled jobs together")
+        log.exception("the reaper could not end cancelled jobs together")
         alone = select(Job.id).where(which)
         _each(database, which, lambda session, job: end(session, alone.where(Job.id == job.id), WorkState.CANCELLED))
 

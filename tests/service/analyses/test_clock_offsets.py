@@ -35,7 +35,7 @@ def test_a_clock_offset_starts_from_the_marks_with_their_frames_own_stamps(api, 
     with api.database.reading() as session:
         row = session.query(Analysis).one()
         assert row.asked["marks"] == {"stamp_ns": [100_000_000, 300_000_000], "u": [10.0, 30.0], "v": [20.0, 20.0]}
-        assert row.asked["problem"]["image_size"] == [640, 480]
+        assert row.asked["fit_request"]["image_size"] == [640, 480]
     answer_with(api, FOUND)
     read = engineer.get(f"/analyses/{made['id']}").json()
     assert read["result"] == FOUND

@@ -16,7 +16,7 @@ from apexcal.documents.crops import (
     expected_pixel,
     side_of,
 )
-from service.crops.pictures import Tile, room_in
+from service.crops.pictures import Tile, limits_in
 from service.crops.shifts import MOST_MISSED, ShownMark, draw_page, shift_px
 from service.crops.trust import ShiftCount
 from workers.tasks.crop_tiles import _span
@@ -33,7 +33,7 @@ def marks(count, first=0, u=300.0, v=200.0, side_px=64.0):
         (left, right), (top, bottom) = (
             _span(at, side_px, size) for at, size in zip(expected, (WIDTH, HEIGHT), strict=True)
         )
-        room = room_in(Tile(left, top, right - left, bottom - top, 0, 0), side_px, WIDTH, HEIGHT)
+        room = limits_in(Tile(left, top, right - left, bottom - top, 0, 0), side_px, WIDTH, HEIGHT)
         made.append(ShownMark(UUID(int=index), u, v, side_px, *expected, room))
     return made
 

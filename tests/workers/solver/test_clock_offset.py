@@ -1,4 +1,5 @@
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def test_fewer_marks_are_told_to_tell_less_and_the_estimate_survives_json():
     all_of_them = estimate_offset(track, stamps, pixels, request)
     assert some.sigma_ns == pytest.approx(2.0 * all_of_them.sigma_ns, rel=0.4)
     assert abs(some.offset_ns - 10 * MS) < 3 * some.sigma_ns
-    document = json.loads(json.dumps(some.to_document()))
+    document = json.loads(json.dumps(asdict(some)))
     assert document["offset_ns"] == some.offset_ns
     assert f"{abs(some.offset_ns) / 1e6:.1f} ms" in document["message"]
 

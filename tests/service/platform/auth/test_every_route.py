@@ -154,7 +154,7 @@ def fill(session, fleet_id) -> dict[str, str]:
 
 
 def address(path: str, rows: dict[str, str]) -> str:
-    """A path with the ids of ``rows`` in it; ids of other rooms are worthless ones."""
+    """A path with the ids of ``rows`` in it; ids of other packages are worthless ones."""
     room = path.removeprefix("/v1/").split("/")[0]
     filled = path.replace("{camera}", "front").replace("{index}", "0").replace("{number}", "1")
     filled = filled.replace("{alias}", "canary")
