@@ -33,8 +33,8 @@ def marks(count, first=0, u=300.0, v=200.0, side_px=64.0):
         (left, right), (top, bottom) = (
             _span(at, side_px, size) for at, size in zip(expected, (WIDTH, HEIGHT), strict=True)
         )
-        room = limits_in(Tile(left, top, right - left, bottom - top, 0, 0), side_px, WIDTH, HEIGHT)
-        made.append(ShownMark(UUID(int=index), u, v, side_px, *expected, room))
+        limits_px = limits_in(Tile(left, top, right - left, bottom - top, 0, 0), side_px, WIDTH, HEIGHT)
+        made.append(ShownMark(UUID(int=index), u, v, side_px, *expected, limits_px))
     return made
 
 
@@ -82,8 +82,8 @@ def test_where_a_crop_is_drawn_tells_nothing_of_whether_it_is_shifted(side_px):
     for name, measure in {
         "off the expected pixel": lambda c: math.hypot(c.u - c.mark.expected_u, c.v - c.mark.expected_v),
         "direction": lambda c: math.atan2(c.v - c.mark.expected_v, c.u - c.mark.expected_u),
-        "in the tile, u": lambda c: abs(c.u - sum(c.mark.room[0]) / 2),
-        "in the tile, v": lambda c: abs(c.v - sum(c.mark.room[1]) / 2),
+        "in the tile, u": lambda c: abs(c.u - sum(c.mark.limits_px[0]) / 2),
+        "in the tile, v": lambda c: abs(c.v - sum(c.mark.limits_px[1]) / 2),
     }.items():
         shifted, true = ([measure(crop) for crop in crops[kind][:2000]] for kind in (True, False))
         ranked = sorted([(value, 1) for value in shifted] + [(value, 0) for value in true])
