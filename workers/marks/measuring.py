@@ -13,12 +13,14 @@ from apexcal.documents.corners import CornerName
 from workers.geometry.models import ModelName
 from workers.marks.alternatives import Beside, look_beside, mixed
 from workers.marks.clock import at_clock
-from workers.marks.edges import CornerFit, EdgeRefusal, measure_corner
+from workers.marks.edges import HALF_WIDTHS_PX, CornerFit, EdgeRefusal, measure_corner
 from workers.marks.outer_edges import changes_outside
 from workers.marks.profiles import Curve
 from workers.marks.sights import Floats, FrameSource, Lens, MountedLens, Sight
 
 _STEP_M: Final = 1e-2
+SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stated covariances of vertices lack
+_DEVIATIONS: Final = 3.0
 
 OnSight = Callable[[], None]
 Measured = dict[CornerName, CornerFit | EdgeRefusal]
@@ -59,8 +61,7 @@ def measure(
     """Measure corners in the frames of the sights with these indices.
 
     Args:
-
-
+        half_width: px, to either side of the projections; wider where the LiDAR's error is.
         outward_m: the camera sees the board's corners this far outside of those that the LiDAR sees.
         changes: the result of `changes_outside` for each measured corner is appended to it.
         besides: the result of `look_beside` for each measured corner is put into it.
@@ -82,7 +83,7 @@ def measure(
                 corner = sight.corners[name] + away.sum(axis=0)
                 sides = (ends[0] + away[1], ends[1] + away[0])
                 edges = (_edge(camera, corner, sides[0]), _edge(camera, corner, sides[1]))
-                fit = measure_corner(image, edges, half_width, softness)
+                fit = measure_corner(image, edges, _half_width(half_width, sight, camera, corner), softness)
                 measured[index][name] = fit
                 if not isinstance(fit, CornerFit):
                     continue
@@ -92,6 +93,17 @@ def measure(
                 if besides is not None:
                     besides[index, name] = look_beside(image, edges, fit, scales.mean(axis=1))
     return measured
+
+
+def _half_width(least: float, sight: Sight, camera: MountedLens, corner: Floats) -> float:
+    """Within which the LiDAR's error lets the edges lie: one of `HALF_WIDTHS_PX`, ``least`` or wider."""
+    at = camera.pixels(np.vstack([corner, corner + _STEP_M * np.eye(3)]))
+    J = (at[1:] - at[0]).T / _STEP_M
+    if not np.all(np.isfinite(J)):
+        return least
+    spread = J @ (sight.covariance + SHAPE_M**2 * np.eye(3)) @ J.T
+    needed = max(least, _DEVIATIONS * float(np.sqrt(np.linalg.norm(spread, 2))))
+    return min((wide for wide in HALF_WIDTHS_PX if wide >= needed), default=HALF_WIDTHS_PX[0])
 
 
 def with_alternatives(measured: dict[int, Measured], besides: dict[CornerKey, Beside]) -> dict[int, Measured]:

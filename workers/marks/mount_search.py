@@ -31,7 +31,7 @@ CAMERA_FRAME: Final = "camera"
 LIDAR_FRAME: Final = "lidar"
 _MOST_SAMPLES: Final = 3072
 _LOWER: Final = 0.7  # likelihood of a seed to be the corner, against the one above it
-_BATCH: Final = 256
+_BATCH: Final = 64
 _CONFIDENCE: Final = 1e-3  # of missing every good sample
 _SAMPLE: Final = 4  # pairs of SQPnP (Terzakis and Lourakis 2020), one more than it needs
 _REFITS: Final = 4
@@ -68,11 +68,15 @@ class SeedPairs:
 
 @dataclass(frozen=True, eq=False)
 class MountCandidate:
-    """A mount and the slots (M,) bool that it explains, each by the seed (M,) nearest to its projection."""
+    """A mount and the slots (M,) bool that it explains, each by the seed (M,) nearest to its projection.
+
+    ``support``: slots weighted by agreement (MSAC: Torr and Zisserman 2000).
+    """
 
     camera: MountedLens
     explained: NDArray[np.bool_]
     nearest: NDArray[np.int64]
+    support: float
 
     @property
     def size(self) -> int:
@@ -116,7 +120,7 @@ def _best(
         drawn += _BATCH
         for camera in cameras:
             judged = _judged(pairs, camera)
-            if judged.size >= max(least, best.size + 1 if best else 0):
+            if judged.size >= least and (best is None or judged.support > best.support):
                 best = _refitted(pairs, judged, lens, model, size)
         if best is not None:
             needed = _samples_for(pairs, best.size, sample)
@@ -212,7 +216,9 @@ def _distances(pairs: SeedPairs, camera: MountedLens) -> Floats:
 
 def _judged(pairs: SeedPairs, camera: MountedLens) -> MountCandidate:
     distance = _distances(pairs, camera)
-    return MountCandidate(camera, distance.min(axis=1) < INLIER_PX, distance.argmin(axis=1))
+    least = distance.min(axis=1)
+    support = float(np.sum(np.clip(1.0 - (least / INLIER_PX) ** 2, 0.0, None)))
+    return MountCandidate(camera, least < INLIER_PX, distance.argmin(axis=1), support)
 
 
 def _refitted(
@@ -230,7 +236,7 @@ def _refitted(
         else:
             camera = None
         again = None if camera is None else _judged(pairs, camera)
-        if again is None or again.size <= candidate.size:
+        if again is None or again.support <= candidate.support:
             break
         candidate = again
     return candidate

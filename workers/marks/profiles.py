@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from workers.marks.sights import Floats, Image
 
-WIDEST_PX: Final = 16.0
+WIDEST_PX: Final = 32.0
 SHORTEST_PX: Final = 10.0  # of an edge, without its ends
 SHARPEST_PX: Final = 1.0  # standard deviation of the derivative of a Gaussian
 SOFTEST_PX: Final = 4.0

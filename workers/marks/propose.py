@@ -12,9 +12,10 @@ import numpy as np
 from apexcal.documents.corners import CORNERS, CornerName
 from workers.geometry.models import ModelName
 from workers.marks.alternatives import Beside
+from workers.marks.board_seeds import find_chessboard_seeds, find_outline_seeds
 from workers.marks.clock_search import at_best_clock, at_marked_clock
 from workers.marks.edges import CornerFit
-from workers.marks.measuring import CornerKey, MarkTask, Measured, OnSight, measure, with_alternatives
+from workers.marks.measuring import SHAPE_M, CornerKey, MarkTask, Measured, OnSight, measure, with_alternatives
 from workers.marks.mount_fit import fit_mount
 from workers.marks.mount_search import (
     INLIER_PX,
@@ -54,7 +55,6 @@ _SCATTER: Final = 2.5
 shift long parts of it alike. This and the next were chosen by 27 development scenes."""
 _SHIFT_SHARE: Final = 0.1  # of the edges' softness
 _SIDE_VARIANCE: Final = 4.0  # of a side corner against the tip
-_SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stated covariances of vertices lack
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
@@ -121,22 +121,28 @@ def propose(
     if len(sights) < fewest:
         return _failed(task, "few_poses", f"{len(sights)} corners have a frame; the machine needs {fewest}.")
     of_sights = [sight.frame for sight in sights]
-    marks = _from_frames(task, of_sights, upper_corner)
-    if marks.failure is None or not background:
-        return marks
-    again = _from_frames(task, [*of_sights, *background], upper_corner)
-    return again if again.failure is None else marks
+    chosen, every = spread_over(of_sights), spread_over([*of_sights, *background])
+    marks = _from_seeds(task, chosen, [find_seeds(frames, chosen, upper_corner)])
+    if marks.failure is not None and background:
+        marks = _first_found(marks, _from_seeds(task, every, [find_seeds(frames, every, upper_corner)]))
+    for find in (find_chessboard_seeds, find_outline_seeds):
+        if marks.failure is not None:
+            marks = _first_found(marks, _from_seeds(task, chosen, find(frames, chosen, upper_corner)))
+    return marks
 
 
-def _from_frames(task: MarkTask, indices: Sequence[int], upper_corner: int) -> MachineMarks:
-    """Find the mount with the background of these frames, and mark."""
-    chosen = spread_over(indices)
-    seeds = find_seeds(task.frames, chosen, upper_corner)
-    of_frames = {of_frame.frame: of_frame for of_frame in seeds}
-    task, pairs, candidates = at_best_clock(task, of_frames)
-    if not candidates:
-        return _failed(task, *_why_none(seeds, task.lens, task.sights))
-    return _from_candidates(task, set(chosen), pairs, candidates)
+def _first_found(marks: MachineMarks, others: MachineMarks) -> MachineMarks:
+    return marks if others.failure is not None else others
+
+
+def _from_seeds(task: MarkTask, chosen: Sequence[int], alternatives: Sequence[Sequence[FrameSeeds]]) -> MachineMarks:
+    """Find the mount that most seeds agree on, by the best of the alternatives, and mark."""
+    clocked = [at_best_clock(task, {of_frame.frame: of_frame for of_frame in seeds}) for seeds in alternatives]
+    with_mount = [found for found in clocked if found[2]]
+    if not with_mount:
+        return _failed(task, *_why_none(alternatives[0], task.lens, task.sights))
+    at, pairs, candidates = max(with_mount, key=lambda found: found[2][0].support)
+    return _from_candidates(at, set(chosen), pairs, candidates)
 
 
 def _from_candidates(
@@ -309,7 +315,7 @@ def _scatter(scores: Sequence[float]) -> float:
 
 def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> float:
     J = _by_point(sight.corners[name], camera)
-    lidar = (1.0 if name == "top" else _SIDE_VARIANCE) * (sight.covariance + _SHAPE_M**2 * np.eye(3))
+    lidar = (1.0 if name == "top" else _SIDE_VARIANCE) * (sight.covariance + SHAPE_M**2 * np.eye(3))
     rest = fit.pixel - camera.pixels(sight.corners[name][None])[0]
     if not np.all(np.isfinite(J)):
         return np.inf

@@ -72,7 +72,7 @@ def find_seeds(frames: FrameSource, chosen: Sequence[int], upper_corner: int = 0
     """
     if not chosen:
         return []
-    images = [_reduced(frames[index]) for index in chosen]
+    images = [reduced(frames[index]) for index in chosen]
     shrink = images[0][1]
     reference = images[len(images) // 2][0].astype(np.float32)
     matched: list[Image] = []
@@ -94,7 +94,8 @@ def find_seeds(frames: FrameSource, chosen: Sequence[int], upper_corner: int = 0
     return frame_seeds
 
 
-def _reduced(image: Image) -> tuple[Image, int]:
+def reduced(image: Image) -> tuple[Image, int]:
+    """A frame in which a seed is found, and how many of the frame's pixels one of its pixels is wide."""
     shrink = max(1, round(image.shape[1] / _WIDE_PX))
     if shrink == 1:
         return image, 1
