@@ -26,10 +26,10 @@ from service.crops.queries import (
     PageOutcome,
     has_hand_answer,
     judgements,
-    marks_of,
     newest_marks,
     outcome_of,
     progress_of,
+    shown_marks,
 )
 from service.crops.shifts import DrawnCrop, ShownMark, draw_page
 from service.platform.auth.access import Access
@@ -96,7 +96,7 @@ def _new_crops(session: Session, analysis: Analysis, camera: Sensor, away: datet
     unanswered = select(CropPage).where(CropPage.analysis_id == analysis.id, CropPage.answered_at.is_(None))
     others = session.scalars(unanswered.where(CropPage.created_at > away))
     elsewhere = {UUID(crop["vertex_id"]) for page in others for crop in page.crops}
-    rows = {UUID(row["vertex_id"]): row for row in marks_of(analysis) if row["reason"] is None}
+    rows = shown_marks(session, analysis, camera)
     drawn = _draw(session, analysis, camera, {key: row for key, row in rows.items() if key not in elsewhere})
     return [
         # The digits of both alike: those of the machine's own could be fewer.

@@ -26,7 +26,7 @@ from service.crops.trust import ShiftCount, wrong_rate
 from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import CropPage
 from service.platform.db.base import Json
-from service.platform.db.recordings import Sensor
+from service.platform.db.recordings import CameraFrame, Sensor
 
 # Differences whose mean is known to 0.45 of one difference's deviation, 1 / sqrt(5).
 LEAST_BLIND = 5
@@ -50,6 +50,17 @@ def marks_of(analysis: Analysis) -> list[Json]:
     """Return an analysis's rows of vertices with their marks or reasons; empty until it is done."""
     columns: Json = (analysis.result or {}).get("marks", {})
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def shown_marks(session: Session, analysis: Analysis, camera: Sensor) -> dict[UUID, Json]:
+    """The marks of an analysis that people can look at, by vertex: those inside of their frames."""
+    frame = select(CameraFrame.width, CameraFrame.height).where(CameraFrame.sensor_id == camera.id).limit(1)
+    width, height = next(iter(session.execute(frame)), (0, 0))
+    return {
+        UUID(mark["vertex_id"]): mark
+        for mark in marks_of(analysis)
+        if mark["reason"] is None and 0.0 <= mark["u"] < width and 0.0 <= mark["v"] < height
+    }
 
 
 def expected_corners(session: Session, detection_id: UUID, camera: str) -> list[ExpectedCorner]:
@@ -175,10 +186,8 @@ def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> 
         return CropProgress(marks=0, judged=0, blind_needed=0, next_blind=None, unmarked=0, next_unmarked=None)
     opinions = opinions_of(session, analysis.detection_id, camera.id)
     by_people = judgements(session, camera.id, analysis.id)
-    marked: list[UUID] = []
-    others: list[UUID] = []
-    for mark in marks_of(analysis):
-        (marked if mark["reason"] is None else others).append(UUID(mark["vertex_id"]))
+    marked = list(shown_marks(session, analysis, camera))
+    others = [UUID(mark["vertex_id"]) for mark in marks_of(analysis) if mark["reason"] is not None]
     rejected = [vertex_id for vertex_id in marked if by_people.is_rejected(vertex_id) and vertex_id not in opinions]
     unmarked = [*rejected, *(vertex_id for vertex_id in others if vertex_id not in opinions)]
     blind = sum(bool(blind_opinions(opinions.get(vertex_id, []))) for vertex_id in marked)

@@ -24,6 +24,8 @@ def write_tiles(
 ) -> None:
     """Write a PNG of each mark into one file, and where it is into the mark's row (`TILE_COLUMNS`).
 
+    A mark that lies far outside of its frame has none.
+
     ``rows``: marks with ``vertex_id``, ``u``, ``v``, ``edge_px`` (px) and ``reason``. ``frame_of``: the index of each
     vertex's frame. ``frames``: indices and (H, W, 3) BGR or (H, W) grey; 16 bits are shown as in the frame's PNG.
     """
@@ -39,6 +41,8 @@ def write_tiles(
             side = side_of(row["edge_px"])
             u, v = expected_pixel(row)
             (left, right), (top, bottom) = (_span(u, side, image.shape[1]), _span(v, side, image.shape[0]))
+            if left >= right or top >= bottom:
+                continue
             data = cv2.imencode(".png", np.ascontiguousarray(image[top:bottom, left:right]))[1].tobytes()
             out.write(data)
             span = (left, top, right - left, bottom - top, offset, len(data))

@@ -7,6 +7,7 @@ from uuid import UUID, uuid4
 import pytest
 from sqlalchemy import select
 
+from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import Answer, CropPage, Disclosure
 from service.platform.db.session import Database
 from tests.service.crops.marking import (
@@ -239,3 +240,15 @@ def test_an_annotators_work_is_listed_with_what_waits(api, fleet, ida):
     assert (work["waiting"], work["to_confirm"], work["mine"]) == (55 - confirmed, 55 - confirmed, confirmed)
     finish(api, ida, seed)
     assert ida.get(f"/fleets/{fleet}/marking-work").json() == []
+
+
+def test_nobody_is_shown_a_mark_outside_of_its_frame(api, fleet, ida):
+    seed = seed_crops(api, fleet, vertices=40)
+    with api.database.writing() as session:
+        analysis = session.scalars(select(Analysis)).one()
+        marks = {name: list(column) for name, column in analysis.result["marks"].items()}
+        marks["v"][7], marks["u"][8] = -40.0, 5000.0
+        analysis.result = {"marks": marks}
+    assert progress(ida, seed)["marks"] == 38 and progress(ida, seed)["unmarked"] == 0
+    finish(api, ida, seed)
+    assert progress(ida, seed)["judged"] == 38
