@@ -102,20 +102,18 @@ def _seeds(
 def _chessboards(images: Sequence[NDArray[np.uint8]]) -> list[Floats | None]:
     """The inner corners (rows, columns, 2) px of the chessboard in each image, of about one size in all of them."""
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-    found: list[Floats | None] = []
+    largest: list[Floats | None] = []
     for image in images:
-        found.append(_largest_grid(image, flags | cv2.CALIB_CB_LARGER))
-        if len(found) == _PROBES and not any(grid is not None for grid in found):
+        largest.append(_largest_grid(image, flags | cv2.CALIB_CB_LARGER))
+        if len(largest) == _PROBES and not any(grid is not None for grid in largest):
             return [None for _ in images]
-    sizes = Counter(_size(grid) for grid in found if grid is not None)
-    if not sizes:
-        return [None for _ in images]
-    # Parts of the pattern are found, too: smaller sizes, each seldom.
-    size = max(sizes, key=lambda size: sizes[size] * size[0] * size[1])
-    if sizes[size] < _LEAST_ALIKE * len(images):
+    sizes = Counter(_size(grid) for grid in largest if grid is not None)
+    # Sometimes only a part of the pattern is found: such sizes are smaller, and each is rare.
+    size = max(sizes, key=lambda size: sizes[size] * size[0] * size[1], default=(0, 0))
+    if sizes[size] < max(_LEAST_ALIKE * len(images), 1):
         return [None for _ in images]
     grids: list[Floats | None] = []
-    for image, grid in zip(images, found, strict=True):
+    for image, grid in zip(images, largest, strict=True):
         if grid is None or _size(grid) != size:
             is_there, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
             if is_there:
@@ -153,15 +151,15 @@ def _regions(image: NDArray[np.uint8]) -> list[Floats]:
     """The outlines (K, 2) px of convex regions between grey levels, those with the strongest edges first."""
     smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), np.uint8)
     slope = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1))
-    found: list[tuple[float, Floats]] = []
+    outlines: list[tuple[float, Floats]] = []
     for level in np.unique(np.quantile(smooth, np.linspace(0.0, 1.0, _LEVELS + 2)[1:-1]).round()):
         for mask in (smooth > level, smooth < level):
             for contour in _contours(mask.astype(np.uint8)):
                 outline = _convex(contour, image.size)
                 if outline is not None:
-                    found.append((_strength(contour, slope), outline))
+                    outlines.append((_strength(contour, slope), outline))
     taken: list[Floats] = []
-    for _, outline in sorted(found, key=lambda pair: -pair[0]):
+    for _, outline in sorted(outlines, key=lambda pair: -pair[0]):
         if not any(_overlap(outline, other) for other in taken):
             taken.append(outline)
         if len(taken) == _MOST_OUTLINES:
@@ -170,8 +168,8 @@ def _regions(image: NDArray[np.uint8]) -> list[Floats]:
 
 
 def _contours(mask: NDArray[np.uint8]) -> list[Contour]:
-    found = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    return [np.asarray(contour, np.int32) for contour in found]
+    contours = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    return [np.asarray(contour, np.int32) for contour in contours]
 
 
 def _convex(contour: Contour, frame_area: int) -> Floats | None:

@@ -138,10 +138,10 @@ def _first_found(marks: MachineMarks, others: MachineMarks) -> MachineMarks:
 def _from_seeds(task: MarkTask, chosen: Sequence[int], alternatives: Sequence[Sequence[FrameSeeds]]) -> MachineMarks:
     """Find the mount that most seeds agree on, by the best of the alternatives, and mark."""
     clocked = [at_best_clock(task, {of_frame.frame: of_frame for of_frame in seeds}) for seeds in alternatives]
-    with_mount = [found for found in clocked if found[2]]
+    with_mount = [pairing for pairing in clocked if pairing[2]]
     if not with_mount:
         return _failed(task, *_why_none(alternatives[0], task.lens, task.sights))
-    at, pairs, candidates = max(with_mount, key=lambda found: found[2][0].support)
+    at, pairs, candidates = max(with_mount, key=lambda pairing: pairing[2][0].support)
     return _from_candidates(at, set(chosen), pairs, candidates)
 
 
