@@ -55,5 +55,6 @@ def list_marks(access: Access, database: Database, analysis_id: UUID) -> MarksLi
     camera = find_camera(access.session, detection.recording_id, row.asked["camera"])
     paired = select(VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner).join(Vertex)
     of_camera = paired.where(Vertex.detection_id == row.detection_id, VertexFrame.sensor_id == camera.id)
+    of_camera = of_camera.where(Vertex.corner.in_({mark.corner for mark in answer.marks}))
     disclose(access, database, camera, {DisclosureKey(*key) for key in access.session.execute(of_camera)}, "marks")
     return answer

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.base import stored
-from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexSummary, VertexView
+from apexcal.documents.corners import CORNERS, TOP
+from apexcal.documents.detections import (
+    CornerView,
+    DetectionView,
+    FrameOfVertex,
+    Moved,
+    VertexSummary,
+    VertexView,
+)
 from apexcal.documents.detectors import sentences_of
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.recordings import Sensor
 from service.platform.job_status.views import job_view, jobs_of
 
-# What the list of vertices reads: covariances and corners are large.
+# What the list of vertices reads: covariances are large.
 SUMMARY = tuple(getattr(Vertex, name) for name in VertexSummary.model_fields)
 
 
@@ -38,30 +46,51 @@ def detection_views(session: Session, rows: Sequence[Detection]) -> list[Detecti
 def vertex_views(
     session: Session, vertices: Sequence[Vertex], camera: Sensor | None, *, joint: bool = False
 ) -> list[VertexView]:
-    """Vertices with their frames: in one camera, or in all of them. ``joint``: with what their corners share."""
-    frames = (
-        select(VertexFrame, Sensor.name)
-        .join(Sensor, Sensor.id == VertexFrame.sensor_id)
-        .where(VertexFrame.vertex_id.in_([vertex.id for vertex in vertices]))
+    """Vertices of a detection with their frames: in one camera, or in all of them. Tips show the other corners.
+
+    ``joint``: with what these share.
+    """
+    of_camera = () if camera is None else (VertexFrame.sensor_id == camera.id,)
+    rows = session.execute(
+        select(Vertex, VertexFrame, Sensor.name)
+        .outerjoin(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, *of_camera))
+        .outerjoin(Sensor, Sensor.id == VertexFrame.sensor_id)
+        .where(Vertex.detection_id.in_({vertex.detection_id for vertex in vertices}))
+        .where(Vertex.rank.in_({vertex.rank for vertex in vertices}))
+        .where(Vertex.sweep_index.in_({vertex.sweep_index for vertex in vertices}))
     )
-    if camera is not None:
-        frames = frames.where(VertexFrame.sensor_id == camera.id)
-    of_vertex: dict[UUID, dict[str, FrameOfVertex]] = {vertex.id: {} for vertex in vertices}
-    for frame, name in session.execute(frames):
-        moved = Moved.model_validate(frame) if frame.x is not None else None
-        of_vertex[frame.vertex_id][name] = FrameOfVertex(
-            index=frame.frame_index, gap_ns=frame.gap_ns, moved=moved, corners=stored(frame.corners or [])
+    frames: dict[UUID, dict[str, VertexFrame]] = defaultdict(dict)
+    of_sweep: dict[int, dict[str, Vertex]] = defaultdict(dict)
+    for vertex, frame, name in rows:
+        of_sweep[vertex.sweep_index][vertex.corner] = vertex
+        if frame is not None:
+            frames[vertex.id][name] = frame
+    views = []
+    for vertex in vertices:
+        corners = of_sweep[vertex.sweep_index]
+        others = [corners[name] for name in CORNERS if name in corners and name != vertex.corner == TOP]
+        views.append(
+            VertexView.of(
+                vertex,
+                frames={name: _frame_view(name, frame, others, frames) for name, frame in frames[vertex.id].items()},
+                corners=[CornerView.of(other) for other in others],
+                joint_covariance=_whole(vertex.corner_covariance) if joint else None,
+            )
         )
-    return [
-        VertexView(
-            **VertexSummary.model_validate(vertex, from_attributes=True).model_dump(),
-            covariance=vertex.covariance,
-            frames=of_vertex[vertex.id],
-            corners=stored(vertex.corners or []),
-            joint_covariance=_whole(vertex.corner_covariance) if joint else None,
-        )
-        for vertex in vertices
-    ]
+    return views
+
+
+def _frame_view(
+    name: str, frame: VertexFrame, others: Sequence[Vertex], frames: Mapping[UUID, Mapping[str, VertexFrame]]
+) -> FrameOfVertex:
+    """A vertex's frame in the camera of this name, with the sweep's other corners where they were moved to it."""
+    moved = [] if frame.x is None else [(other.corner, frames[other.id][name]) for other in others]
+    return FrameOfVertex(
+        index=frame.frame_index,
+        gap_ns=frame.gap_ns,
+        moved=None if frame.x is None else Moved.of(frame),
+        corners=[CornerView.of(there, corner=corner) for corner, there in moved],
+    )
 
 
 def _whole(lower: list[list[float]] | None) -> list[list[float]] | None:

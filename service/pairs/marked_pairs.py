@@ -83,7 +83,8 @@ def build(
     vertices = [(vertex, frame) for vertex, frame in everything if vertex.corner in corners or vertex.id in opinions]
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
-    velocities = _velocities([vertex for vertex, _ in everything])
+    corners_used = {vertex.corner for vertex, _ in vertices}
+    velocities = _velocities([vertex for vertex, _ in everything if vertex.corner in corners_used])
     rows: list[dict[str, Any]] = [
         _row(vertex, frame, consensus[vertex.id])
         | ({VELOCITY: velocities[vertex.id]} if velocities else {})

@@ -10,11 +10,11 @@ from apexcal.documents.pairs import MACHINE, MARK_SIGMA
 from benchmarks.marks.draws import Draw
 from benchmarks.marks.scenes import Scene
 from service.platform.db.analyses import AnalysisFile
-from service.platform.db.annotations import CropPage
+from service.platform.db.annotations import CropPage, Disclosure
 from service.platform.db.base import new_id
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
-from tests.service.detections.seeding import seed_rig
+from tests.service.detections.seeding import seed_corners, seed_rig
 from tests.support.databases import one_database
 from tests.support.rows import HEIGHT, WIDTH
 from tests.support.work import work
@@ -64,26 +64,22 @@ def seed_sights(database, recording, scene):
             (x, y, z), apex, vertex = sight.corners["top"].tolist(), new_id(), new_id()
             session.add(Apex(id=apex, recording_id=recording.id, lidar_id=lidar.id, sweep_index=index, x=x, y=y, z=z))
             session.flush()
-            others = [
-                {
-                    "corner": name,
-                    **dict(zip("xyz", xyz.tolist(), strict=True)),
-                    "covariance": (1e-4 * np.eye(3)).tolist(),
-                }
-                for name, xyz in sight.corners.items()
-                if name != "top"
-            ]
             session.add(
                 Vertex(
                     id=vertex, detection_id=detection.id, lidar_id=lidar.id, apex_id=apex, rank=index,
                     sweep_index=index,
-                    time_ns=START_NS + index * PERIOD_NS, x=x, y=y, z=z, ring=3, points=50, corners=others,
-                    covariance=np.diag([1e-6, 1e-6, 1e-4]).tolist(),
+                    time_ns=START_NS + index * PERIOD_NS, x=x, y=y, z=z, ring=3, points=50,
                 )
             )  # fmt: skip
             session.flush()
             session.add(VertexFrame(vertex_id=vertex, sensor_id=camera.id, frame_index=index, gap_ns=0))
-        return detection.id
+
+    def offsets_of(sweep):
+        corners = scene.sights[sweep].corners
+        return {name: (xyz - corners["top"]).tolist() for name, xyz in corners.items() if name != "top"}
+
+    seed_corners(database, detection.id, offsets_of)
+    return detection.id
 
 
 @one_database
@@ -119,6 +115,7 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     marks = engineer.get(f"{path}/marks").json()["marks"]
     with api.database.reading() as session:
         index_of = {str(vertex.id): vertex.sweep_index for vertex in session.query(Vertex)}
+        assert {row.corner for row in session.query(Disclosure)} == {"top"}, "nothing was told of the other corners"
     marked = [mark for mark in marks if mark["reason"] is None]
     off = np.array([[mark["u"], mark["v"]] - scene.truth["top"][index_of[mark["vertex_id"]]] for mark in marked])
     assert len(marked) == facts["marked"] and np.median(np.hypot(*off.T)) < 0.4

@@ -1,10 +1,10 @@
-"""One shard of a detection run: find vertices, pair them with camera frames, match them to known apexes."""
+"""One shard of a detection run: find vertices and pair them with camera frames."""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from math import sqrt
 from uuid import UUID
 
@@ -16,45 +16,24 @@ from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
 from service.platform.broker.hints import hint
 from service.platform.db.annotations import Answer
-from service.platform.db.base import Json, new_id
+from service.platform.db.base import Json
 from service.platform.db.clock import now
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
-from workers.tasks.cornering import frame_columns, vertex_columns
 from workers.tasks.originals import open_lidar, said_still
+from workers.tasks.vertex_rows import Pair, Pairs, moved_places, write_vertices
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import on_track, pair, pair_interpolated
 from workers.vertices.pose_detection import SAME_PLACE_M, fixed_place
 from workers.vertices.region import Region
 from workers.vertices.tracks import MARGIN_SWEEPS
 from workers.vertices.vertex import Detections, spread_order
-from workers.vertices.vertex import Vertex as Found
 
 _REPORT_EVERY = 50
-# An apex's id and place.
-_Known = tuple[UUID, Sequence[float]]
 # By sweep, the frame of each mark and the place of its apex.
 _Marked = Mapping[int, Sequence[tuple[int, Sequence[float]]]]
-
-
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """A vertex's frame in one camera: ``gap_ns`` is frame time minus vertex time.
-
-    ``xyz`` and ``covariance`` (3 x 3 over azimuth, elevation, range) where the vertex was moved to the frame's time,
-    and the board's other ``corners`` with it.
-    """
-
-    frame_index: int
-    gap_ns: int
-    xyz: tuple[float, float, float] | None = None
-    covariance: list[list[float]] | None = None
-    corners: list[Json] | None = None
-
-
-Pairs = dict[UUID, list[Pair | None]]
 
 
 def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Detection | None]:
@@ -91,7 +70,7 @@ def writing(run: Detection, batch: Detections, pairs: Pairs) -> Callable[[Sessio
         session.execute(of_recording.with_for_update(key_share=True))
         row = session.scalars(select(Detection).where(Detection.id == run.id).with_for_update()).one()
         if row.state in UNENDED:
-            _write_vertices(session, run, batch, pairs)
+            write_vertices(session, run, batch.vertices, pairs)
             _advance(session, row, batch)
         return row if row.counts.get("paired") and row.state == WorkState.RUNNING else None
 
@@ -145,87 +124,16 @@ def _pair(batch: Detections, stamps: np.ndarray, pairing: Json, marked: _Marked)
         return closest
     track = pair_interpolated(batch.vertices, stamps, context=batch.context, **near)
     rows = zip(batch.vertices, track.index.tolist(), track.xyz, track.covariance, strict=True)
-    along = [_moved(vertex, frame, xyz, spread) if frame >= 0 else None for vertex, frame, xyz, spread in rows]
+    along = [
+        Pair(frame, 0, moved_places(vertex, xyz, spread)) if frame >= 0 else None
+        for vertex, frame, xyz, spread in rows
+    ]
     if pairing["mode"] == "interpolate":
         return along
     # The ring rules state no covariances: a moved vertex beside one that stayed would state what the other does not.
     tracked = on_track(batch.vertices, batch.context).tolist()
     moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, batch.vertices, strict=True)]
     return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, closest, strict=True)]
-
-
-def _moved(vertex: Found, frame: int, xyz: np.ndarray, covariance: np.ndarray) -> Pair:
-    x, y, z = xyz.tolist()
-    return Pair(frame, 0, (x, y, z), covariance.tolist(), frame_columns(vertex, xyz, covariance))
-
-
-def _write_vertices(session: Session, run: Detection, batch: Detections, pairs: Pairs) -> None:
-    apexes = _known_apexes(session, run.lidar_id, [vertex.sweep_index for vertex in batch.vertices])
-    for number, vertex in enumerate(batch.vertices):
-        apex_id = nearest(apexes[vertex.sweep_index], vertex.xyz)
-        if apex_id is None:
-            (x, y, z), apex_id = vertex.xyz, new_id()
-            keys = {"id": apex_id, "recording_id": run.recording_id, "lidar_id": run.lidar_id}
-            session.add(Apex(**keys, sweep_index=vertex.sweep_index, x=x, y=y, z=z))
-        row = _vertex_row(run, apex_id, vertex)
-        session.add(row)
-        session.add_all(
-            _frame_row(row.id, sensor, pair)
-            for sensor, of_sensor in pairs.items()
-            for pair in of_sensor[number : number + 1]
-            if pair
-        )
-    session.flush()
-
-
-def _frame_row(vertex_id: UUID, sensor_id: UUID, pair: Pair) -> VertexFrame:
-    x, y, z = pair.xyz or (None, None, None)
-    return VertexFrame(
-        vertex_id=vertex_id,
-        sensor_id=sensor_id,
-        frame_index=pair.frame_index,
-        gap_ns=pair.gap_ns,
-        x=x,
-        y=y,
-        z=z,
-        covariance=pair.covariance,
-        corners=pair.corners,
-    )
-
-
-def _known_apexes(session: Session, lidar_id: UUID, sweeps: list[int]) -> dict[int, list[_Known]]:
-    apexes: dict[int, list[_Known]] = defaultdict(list)
-    if sweeps:
-        statement = select(Apex.sweep_index, Apex.id, Apex.x, Apex.y, Apex.z).where(
-            Apex.lidar_id == lidar_id,
-            Apex.corner == TOP,
-            Apex.sweep_index.between(min(sweeps), max(sweeps)),
-        )
-        for sweep, apex_id, *xyz in session.execute(statement):
-            apexes[sweep].append((apex_id, xyz))
-    return apexes
-
-
-def _vertex_row(run: Detection, apex_id: UUID, vertex: Found) -> Vertex:
-    x, y, z = vertex.xyz
-    return Vertex(
-        id=new_id(),
-        detection_id=run.id,
-        lidar_id=run.lidar_id,
-        apex_id=apex_id,
-        rank=0,
-        sweep_index=vertex.sweep_index,
-        time_ns=vertex.time_ns,
-        x=x,
-        y=y,
-        z=z,
-        ring=vertex.ring,
-        points=vertex.points_used,
-        quality=vertex.quality,
-        flags=list(vertex.flags),
-        covariance=[list(line) for line in vertex.covariance] if vertex.covariance else None,
-        **vertex_columns(vertex.corners),
-    )
 
 
 def _advance(session: Session, row: Detection, batch: Detections) -> None:
@@ -265,11 +173,7 @@ def _places(session: Session, row: Detection, counts: Json) -> Json:
     """Count the still poses: where the board stands as in the sweep before, somebody else moved."""
     if not counts.get("poses"):
         return {}
-    rows = session.execute(
-        select(Vertex.x, Vertex.y, Vertex.z).where(Vertex.detection_id == row.id).order_by(Vertex.sweep_index)
-    ).all()
-    xyz = np.array([tuple(each) for each in rows], np.float64).reshape(-1, 3)
-    alike = np.count_nonzero(np.linalg.norm(np.diff(xyz, axis=0), axis=1) < SAME_PLACE_M)
+    alike = np.count_nonzero(np.linalg.norm(np.diff(_tips(session, row), axis=0), axis=1) < SAME_PLACE_M)
     return {"poses": max(1, counts["poses"] - int(alike))}
 
 
@@ -279,17 +183,24 @@ def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | Non
         return _NOTHING
     if counts.get("poses"):
         return None
-    rows = session.execute(select(Vertex.x, Vertex.y, Vertex.z).where(Vertex.detection_id == row.id)).all()
-    fixed_xyz = fixed_place(np.array([tuple(xyz) for xyz in rows], np.float64).reshape(-1, 3))
+    tips = _tips(session, row)
+    fixed_xyz = fixed_place(tips)
     if fixed_xyz is None:
         return None
     x, y, z = fixed_xyz
     return {
         "code": "fixed_object",
-        "detail": f"The corner stands at one place in nearly all of {len(rows)} sweeps: x {x:.2f}, y {y:.2f}, "
+        "detail": f"The corner stands at one place in nearly all of {len(tips)} sweeps: x {x:.2f}, y {y:.2f}, "
         f"z {z:.2f} m. That is an object of the surroundings, not a board that somebody moves.",
         "hint": "Leave that place out of the region. If the board itself stood there, upload with --still.",
     }
+
+
+def _tips(session: Session, row: Detection) -> np.ndarray:
+    """(N, 3) metres, in the order of their sweeps."""
+    columns = select(Vertex.x, Vertex.y, Vertex.z).where(Vertex.detection_id == row.id, Vertex.corner == TOP)
+    rows = session.execute(columns.order_by(Vertex.sweep_index)).all()
+    return np.array([tuple(xyz) for xyz in rows], np.float64).reshape(-1, 3)
 
 
 def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:
@@ -325,10 +236,10 @@ def _rolls(before: Mapping[str, float] | None, rolls: list[float]) -> Json:
 
 
 def _settle_frames(session: Session, run: Detection) -> dict[str, int]:
-    """Leave each frame to the vertex that people marked in it, else to the nearest in time.
+    """Leave each frame to the sweep whose tip people marked in it, else to the nearest in time.
 
-    A mark belongs to a frame and means one vertex. Returns how many vertices have a frame of some camera, and how
-    many lost theirs to another one.
+    A mark belongs to a frame and means one vertex. Returns how many sweeps have a frame of some camera, and how many
+    lost theirs to another one.
     """
     is_marked = exists().where(
         Answer.apex_id == Vertex.apex_id,
@@ -343,40 +254,41 @@ def _settle_frames(session: Session, run: Detection) -> dict[str, int]:
             VertexFrame.sensor_id,
             VertexFrame.frame_index,
             CameraFrame.stamp_ns - Vertex.time_ns,
-            VertexFrame.vertex_id,
+            Vertex.sweep_index,
             is_marked,
         )
         .join(Vertex, Vertex.id == VertexFrame.vertex_id)
         .join(CameraFrame, of_frame)
-        .where(Vertex.detection_id == run.id)
+        .where(Vertex.detection_id == run.id, Vertex.corner == TOP)
         .order_by(Vertex.time_ns, Vertex.id)
     ).all()
-    closest: dict[tuple[UUID, int], tuple[tuple[bool, int], UUID]] = {}
-    lost: list[tuple[UUID, UUID]] = []
-    for sensor_id, frame_index, difference_ns, vertex_id, marked in rows:
+    closest: dict[tuple[UUID, int], tuple[tuple[bool, int], int]] = {}
+    lost: list[tuple[UUID, int, int]] = []
+    for sensor_id, frame_index, difference_ns, sweep, marked in rows:
         away = (not marked, abs(difference_ns - run.pairing["offset_ns"]))
         other = closest.get((sensor_id, frame_index))
         if other and other[0] <= away:
-            lost.append((vertex_id, sensor_id))
+            lost.append((sensor_id, frame_index, sweep))
             continue
         if other:
-            lost.append((other[1], sensor_id))
-        closest[sensor_id, frame_index] = (away, vertex_id)
-    for vertex_id, sensor_id in lost:
-        session.execute(
-            delete(VertexFrame).where(VertexFrame.vertex_id == vertex_id, VertexFrame.sensor_id == sensor_id)
-        )
-    paired = {vertex_id for _, vertex_id in closest.values()}
-    return {"paired": len(paired), "frame_taken": len({vertex_id for vertex_id, _ in lost} - paired)}
+            lost.append((sensor_id, frame_index, other[1]))
+        closest[sensor_id, frame_index] = (away, sweep)
+    for sensor_id, frame_index, sweep in lost:
+        of_frame = (VertexFrame.sensor_id == sensor_id, VertexFrame.frame_index == frame_index)
+        of_sweep = (Vertex.id == VertexFrame.vertex_id, Vertex.detection_id == run.id, Vertex.sweep_index == sweep)
+        session.execute(delete(VertexFrame).where(*of_frame, exists().where(*of_sweep)))
+    paired = {sweep for _, sweep in closest.values()}
+    return {"paired": len(paired), "frame_taken": len({sweep for *_, sweep in lost} - paired)}
 
 
 def _order(session: Session, detection_id: UUID) -> None:
-    ids = session.scalars(
-        select(Vertex.id).where(Vertex.detection_id == detection_id).order_by(Vertex.time_ns, Vertex.id)
-    ).all()
-    if ids:
-        ranks = zip(ids, spread_order(len(ids)), strict=True)
-        session.execute(update(Vertex), [{"id": vertex_id, "rank": rank} for vertex_id, rank in ranks])
+    """Rank the sweeps. The corners of a sweep have its rank."""
+    columns = select(Vertex.id, Vertex.sweep_index, Vertex.corner).where(Vertex.detection_id == detection_id)
+    rows = session.execute(columns.order_by(Vertex.time_ns, Vertex.id)).all()
+    sweeps = [sweep for _, sweep, corner in rows if corner == TOP]
+    ranks = dict(zip(sweeps, spread_order(len(sweeps)), strict=True))
+    if rows:
+        session.execute(update(Vertex), [{"id": vertex_id, "rank": ranks[sweep]} for vertex_id, sweep, _ in rows])
 
 
 _NOTHING: Json = {

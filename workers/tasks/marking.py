@@ -42,6 +42,8 @@ from workers.tasks.originals import camera_of, require_room
 
 # Covariance of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
 _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
+# The corners of a sweep with their frames.
+_Board = Mapping[str, tuple[Vertex, VertexFrame]]
 Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
 _COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px", "places")
 _WIDEST: Final = 1 << 14  # frames are marked as they are
@@ -140,9 +142,12 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
     )
     tips = session.execute(paired.where(Vertex.corner == TOP).order_by(Vertex.rank).limit(MOST_VERTICES)).all()
-    others: dict[int, dict[str, UUID]] = {}
-    for vertex, _ in session.execute(paired.where(Vertex.corner != TOP)):
-        others.setdefault(vertex.sweep_index, {})[vertex.corner] = vertex.id
+    boards: dict[int, dict[str, tuple[Vertex, VertexFrame]]] = {
+        vertex.sweep_index: {TOP: (vertex, frame)} for vertex, frame in tips
+    }
+    for vertex, frame in session.execute(paired.where(Vertex.corner != TOP)):
+        if vertex.sweep_index in boards:
+            boards[vertex.sweep_index][vertex.corner] = (vertex, frame)
     roll = float(np.radians(detection.counts.get("roll", {}).get("mean_deg", 0.0)))
     rig_id = select(Recording.rig_id).where(Recording.id == camera.recording_id).scalar_subquery()
     of_rig = session.scalar(select(RigCamera).where(RigCamera.rig_id == rig_id, RigCamera.name == camera.name))
@@ -157,8 +162,8 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     return _MarkingWork(
         camera.recording_id,
         camera.blob_key,
-        [_sight(vertex, frame, roll, v) for (vertex, frame), v in zip(tips, _velocities(tips), strict=True)],
-        [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
+        [_sight(board, roll, v) for board, v in zip(boards.values(), _velocities(tips), strict=True)],
+        [{corner: vertex.id for corner, (vertex, _) in board.items()} for board in boards.values()],
         {index: places[index] for index in indices.union(beside) if index in places},
         corners,
         int(detection.options.get("upper_corner") or 0),
@@ -205,14 +210,15 @@ def _stated_lens(of_rig: RigCamera | None, camera: Sensor) -> Lens | None:
     return Lens(model, np.array(list(values.values()), np.float64)) if values else None
 
 
-def _sight(vertex: Vertex, frame: VertexFrame, roll: float, velocity: NDArray[np.float64]) -> Sight:
+def _sight(board: _Board, roll: float, velocity: NDArray[np.float64]) -> Sight:
     """Return the board at the frame's time."""
-    at = vertex if frame.x is None else frame
-    xyz = np.array([at.x, at.y, at.z], np.float64)
-    corners: dict[CornerName, NDArray[np.float64]] = {TOP: xyz}
-    corners |= {other["corner"]: np.array([other[axis] for axis in "xyz"]) for other in at.corners or ()}
-    covariance = _UNSTATED if at.covariance is None else to_xyz(np.array([at.covariance]), xyz[None])[0]
-    return Sight(frame.frame_index, corners, covariance, roll, velocity)
+    at = {corner: vertex if frame.x is None else frame for corner, (vertex, frame) in board.items()}
+    corners: dict[CornerName, NDArray[np.float64]] = {
+        name: np.array([at[name].x, at[name].y, at[name].z]) for name in CORNERS if name in at
+    }
+    xyz, stated = corners[TOP], at[TOP].covariance
+    covariance = _UNSTATED if stated is None else to_xyz(np.array([stated]), xyz[None])[0]
+    return Sight(board[TOP][1].frame_index, corners, covariance, roll, velocity)
 
 
 def _as_shown(

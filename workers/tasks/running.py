@@ -59,7 +59,6 @@ _MODULES = {
     "preview": "analysing",
     "suggestion": "analysing",
     "detect": "detecting",
-    "corners": "cornering",
     "clock_offset": "analysing",
     "machine_marks": "marking",
     "precision": "solving",
@@ -74,7 +73,7 @@ _MODULES = {
 }
 WORK: dict[str, Work] = {kind: _of(module, kind) for kind, module in _MODULES.items()}
 # The modules that need no kernels.
-_READING = {"ingesting", "copying", "cornering"}
+_READING = {"ingesting", "copying"}
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)

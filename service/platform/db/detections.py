@@ -49,20 +49,18 @@ class Apex(Row):
 
 
 class Vertex(Row):
-    """A vertex as one detection run measured it, in metres in the frame of its LiDAR.
+    """A corner of the board as one detection run measured it, in metres in the frame of its LiDAR.
 
-    ``rank`` orders the marking: any first part of the order covers the whole recording evenly. ``covariance`` is
-    3 x 3 over azimuth (rad), elevation (rad) and range (m), where the detector states one; ``flags`` are names of
-    what the person who confirms should look at.
-
-    ``corners`` are the board's other corners as ``CornerView`` shows them, where the detector states them.
-    ``corner_covariance`` is the lower triangle, by rows, of the covariance of the tip and all of them. A corner that
-    people are to mark has a row of its own, with the tip's sweep, time and rank (``corner_actions.py``).
+    ``rank`` orders the marking: any first part of the order covers the whole recording evenly. The corners of a sweep
+    share sweep, time and rank. ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m), where the
+    detector states one; ``flags`` are names of what the person who confirms should look at. A tip's
+    ``corner_covariance`` is the lower triangle, by rows, of the covariance of it and the sweep's other corners.
     """
 
     __table_args__ = (
         UniqueConstraint("detection_id", "apex_id"),
-        Index("ix_vertex_detection_id_rank", "detection_id", "rank"),
+        # With the corner, so that tips are found without a look at the other corners' rows.
+        Index("ix_vertex_detection_id_rank_corner", "detection_id", "rank", "corner"),
     )
 
     detection_id: Mapped[UUID] = belongs_to("detection.id", index=False)
@@ -80,7 +78,6 @@ class Vertex(Row):
     flags: Mapped[list[Any]] = mapped_column(default=list)
     covariance: Mapped[list[Any] | None]
     corner: Mapped[Corner]
-    corners: Mapped[list[Any] | None]
     # Large, and rarely asked for.
     corner_covariance: Mapped[list[Any] | None] = mapped_column(deferred=True)
 
@@ -89,7 +86,7 @@ class VertexFrame(Base):
     """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time.
 
     Where the pairing interpolates, x, y, z and covariance are the vertex's, moved along its track to the frame's
-    time, and the gap is zero; ``corners`` are the board's other corners, moved with it.
+    time, and the gap is zero.
     """
 
     __table_args__ = (Index("ix_vertex_frame_sensor_id_frame_index", "sensor_id", "frame_index"),)
@@ -102,7 +99,6 @@ class VertexFrame(Base):
     y: Mapped[float | None]
     z: Mapped[float | None]
     covariance: Mapped[list[Any] | None]
-    corners: Mapped[list[Any] | None]
 
 
 def marked_corners(row: Detection) -> list[CornerName]:

@@ -4,33 +4,20 @@ import pytest
 
 from service.platform.db.detections import Apex, Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply
-from tests.service.detections.seeding import seed_detection, seed_marking, standing, vertices_of
+from tests.service.detections.seeding import COVARIANCE, OFFSETS, seed_corners, seed_detection, seed_marking, standing
 
-COVARIANCE = [[1e-6, 0.0, 0.0], [0.0, 4e-6, 0.0], [0.0, 0.0, 1e-4]]
-OFFSETS = {"left": (0.4, -0.4), "right": (-0.4, -0.4), "bottom": (0.0, -0.8)}
 ALL = ["top", "left", "right", "bottom"]
-
-
-def state_corners(database, detection_id, *, missing=()):
-    """Let a detection's vertices state all corners, but for (sweep, name) in ``missing``; the last was moved."""
-    with database.writing() as session:
-        rows = session.query(Vertex).filter_by(detection_id=detection_id).order_by(Vertex.rank).all()
-        for vertex in rows:
-            vertex.covariance = COVARIANCE
-            vertex.corners = [
-                {"corner": name, "x": vertex.x, "y": vertex.y + y, "z": vertex.z + z, "covariance": COVARIANCE}
-                for name, (y, z) in OFFSETS.items()
-                if (vertex.sweep_index, name) not in missing
-            ]
-        (frame,) = session.query(VertexFrame).filter_by(vertex_id=rows[-1].id)
-        frame.x, frame.y, frame.z, frame.covariance = rows[-1].x, rows[-1].y + 0.1, rows[-1].z, COVARIANCE
-        frame.corners = [one | {"y": one["y"] + 0.1} for one in rows[-1].corners]
+ONE_HIDDEN = {name: of for name, of in OFFSETS.items() if name != "left"}
 
 
 @pytest.fixture
 def seed(api):
     found = seed_marking(api.database, api.fleet(), vertices=3)
-    state_corners(api.database, found.detection_id, missing={(1, "left")})
+    with api.database.writing() as session:
+        (frame,) = session.query(VertexFrame).filter_by(vertex_id=found.vertices[-1])
+        tip = session.get_one(Vertex, found.vertices[-1])
+        frame.x, frame.y, frame.z, frame.covariance = tip.x, tip.y + 0.1, tip.z, COVARIANCE
+    seed_corners(api.database, found.detection_id, lambda sweep: ONE_HIDDEN if sweep == 1 else OFFSETS)
     return found
 
 
@@ -158,10 +145,13 @@ def test_marks_of_corners_outlast_another_detection(api, seed):
     reply(ada, right := ask(ada, seed), mark=(7.0, 8.0))
     assert right["vertex"]["corner"] == "right"
     other = seed_detection(api.database, seed.fleet_id, seed.recording_id, seed.apexes)
-    state_corners(api.database, other)
+    seed_corners(api.database, other)
+    built = engineer.post(f"/detections/{other}/correspondence-sets", {"camera": "front"}).json()
+    pairs = engineer.get(f"/correspondence-sets/{built['id']}").json()["pairs"]
+    assert [one["corner"] for one in pairs] == ["top", "right"], "without being asked for again"
+    assert ada.get(f"/detections/{other}/progress", params={"camera": "front"}).json()["vertices"] == 3
     assert engineer.patch(f"/detections/{other}", {"marked_corners": ["right"]}).status_code == 200
     progress = ada.get(f"/detections/{other}/progress", params={"camera": "front"}).json()
     assert (progress["vertices"], progress["mine"]) == (3, 1)
     with api.database.reading() as session:
         assert session.query(Apex).filter_by(corner="right").count() == 3
-        assert len(vertices_of(api.database, other)) == 6

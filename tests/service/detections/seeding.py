@@ -1,14 +1,16 @@
 """A recording with a camera, a detection and its vertices, as rows: what marking and calibrating start from."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import inspect, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
 from service.platform.db.annotations import Answer
-from service.platform.db.base import Json
+from service.platform.db.base import Json, new_id
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
@@ -70,6 +72,43 @@ def seed_detection(database: Database, fleet_id: UUID, recording_id: UUID, apexe
         session.flush()
         session.add_all(make(VertexFrame, row, camera, frame_index=row.sweep_index, gap_ns=row.rank) for row in rows)
         return detection.id
+
+
+OFFSETS = {"left": (0.0, 0.4, -0.4), "right": (0.0, -0.4, -0.4), "bottom": (0.0, 0.0, -0.8)}
+COVARIANCE = [[1e-6, 0.0, 0.0], [0.0, 4e-6, 0.0], [0.0, 0.0, 1e-4]]
+Offsets = Mapping[str, Sequence[float]]
+
+
+def seed_corners(
+    database: Database, detection_id: UUID, offsets_of: Callable[[int], Offsets] = lambda sweep: OFFSETS
+) -> None:
+    """The other corners of a detection's vertices: `offsets_of` a sweep are metres from its tip."""
+    with database.writing() as session:
+        for tip in session.query(Vertex).filter_by(detection_id=detection_id, corner=TOP).all():
+            tip.covariance = COVARIANCE
+            frames = session.query(VertexFrame).filter_by(vertex_id=tip.id).all()
+            apex = session.get_one(Apex, tip.apex_id)
+            for corner, offset in offsets_of(tip.sweep_index).items():
+                there = {"corner": corner, **beside(tip, offset)}
+                known = session.query(Apex).filter_by(lidar_id=tip.lidar_id, sweep_index=tip.sweep_index, **there)
+                own = known.one_or_none() or copy_of(apex, **there)
+                row = copy_of(tip, apex_id=own.id, **there)
+                session.add_all([own, row])
+                session.flush()
+                session.add_all(copy_of(frame, vertex_id=row.id, **beside(frame, offset)) for frame in frames)
+
+
+def beside(row: Any, offset: Sequence[float]) -> Json:
+    """So far from where a row is, if it says where it is."""
+    at = (row.x, row.y, row.z)
+    return {axis: None if row.x is None else a + b for axis, a, b in zip("xyz", at, offset, strict=True)}
+
+
+def copy_of(row: Any, **others: Any) -> Any:
+    """Another row with these columns, and an id of its own where it has one."""
+    values = {column.key: getattr(row, column.key) for column in inspect(type(row)).column_attrs}
+    own = {"id": new_id()} if "id" in values else {}
+    return type(row)(**values | own | others)
 
 
 def vertex_of(detection: Detection, apex: Apex, rank: int) -> Vertex:

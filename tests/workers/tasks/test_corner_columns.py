@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from service.detections.views import vertex_views
-from service.platform.db.models import Detection, Sensor, Vertex
+from service.platform.db.models import Apex, Detection, Sensor, Vertex, VertexFrame
 from tests.workers.tasks.test_detecting import PAIRING, make_run, recording  # noqa: F401 - fixtures
 from workers.tasks import detecting
+from workers.tasks.vertex_rows import Pair
 from workers.vertices.corners import move_corners
 from workers.vertices.vertex import Corners, Detections
 from workers.vertices.vertex import Vertex as Found
@@ -36,8 +38,11 @@ def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(databa
     pairs = detecting._pair(found, stamps, PAIRING | {"mode": "interpolate"}, {})
     run.finish(0, found, pairs)
     with database.reading() as session:
-        rows = session.query(Vertex).filter_by(detection_id=run.row.id).order_by(Vertex.sweep_index).all()
-        assert [row.corner for row in rows] == ["top"] * 5
+        every = session.query(Vertex).filter_by(detection_id=run.row.id).order_by(Vertex.sweep_index).all()
+        assert sorted(row.corner for row in every) == ["left"] * 5 + ["right"] * 5 + ["top"] * 5
+        assert len({(row.sweep_index, row.rank, row.time_ns) for row in every}) == 5
+        assert sorted({row.rank for row in every}) == [0, 1, 2, 3, 4]
+        rows = [row for row in every if row.corner == "top"]
         views = vertex_views(session, rows, session.get_one(Sensor, run.camera_id), joint=True)
         assert vertex_views(session, rows, None)[0].joint_covariance is None
         assert session.get_one(Detection, run.row.id).counts["accepted"] == 5
@@ -47,7 +52,8 @@ def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(databa
     np.testing.assert_allclose(view.joint_covariance, joint, rtol=1e-8)
     np.testing.assert_allclose(view.corners[1].covariance, joint[6:, 6:], rtol=1e-8)
     (frame,) = view.frames.values()
-    expected = move_corners(vertices[2], np.array(pairs[2].xyz), np.array(pairs[2].covariance))
+    *xyz, covariance = pairs[2].places["top"].values()
+    expected = move_corners(vertices[2], np.array(xyz), np.array(covariance))
     for told, corner in zip(frame.corners, expected, strict=True):
         assert told.corner == corner.name
         np.testing.assert_allclose([told.x, told.y, told.z], corner.xyz)
@@ -55,10 +61,24 @@ def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(databa
         assert told.y - view.frames["front"].moved.y == pytest.approx({"left": 0.4, "right": -0.4}[corner.name])
 
 
+def test_a_sweep_that_loses_its_frame_loses_it_for_all_its_corners(database, make_run):  # noqa: F811
+    run, other = make_run(), make_run()
+    (first, second), _ = walked(2)
+    for each in (run, other):
+        each.finish(0, Detections([first, second], 2, {}), [Pair(0, 40), Pair(0, -60)])
+        assert (each.counts()["paired"], each.counts()["frame_taken"]) == (1, 1)
+    with database.reading() as session:
+        framed = select(Vertex.sweep_index, Vertex.corner).join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        for each in (run, other):
+            rows = session.execute(framed.where(Vertex.detection_id == each.row.id))
+            assert sorted(tuple(row) for row in rows) == [(0, "left"), (0, "right"), (0, "top")]
+        assert len(session.scalars(select(Apex)).all()) == 6, "both runs share them"
+
+
 def test_a_vertex_without_corners_says_so(database, make_run):  # noqa: F811
     run = make_run()
     found = Detections([Found((5.0, 0.0, 0.5), 0, 7, 0, 2, "tolerant")], 1, {})
-    run.finish(0, found, [detecting.Pair(0, 0)])
+    run.finish(0, found, [Pair(0, 0)])
     with database.reading() as session:
         rows = session.query(Vertex).filter_by(detection_id=run.row.id).all()
         (view,) = vertex_views(session, rows, None, joint=True)

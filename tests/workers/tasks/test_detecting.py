@@ -12,11 +12,12 @@ from service.platform.db.models import Analysis, Answer, Apex, Detection, Job, P
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.claims import finish as end_job
 from service.platform.jobs.queue import enqueue_all
-from tests.service.detections.seeding import answered, seed_recording, seed_rig
+from tests.service.detections.seeding import COVARIANCE, answered, seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_fleet
 from tests.support.rows import add
 from workers.tasks import detecting
-from workers.tasks.detecting import Pair, _camera_stamps, _marked_frames, _pair
+from workers.tasks.detecting import _camera_stamps, _marked_frames, _pair
+from workers.tasks.vertex_rows import Pair
 from workers.vertices.vertex import Detections, PoseFacts, SizeFacts
 from workers.vertices.vertex import Vertex as Found
 
@@ -50,7 +51,8 @@ class Run:
         assert held
         if wait:
             wait()
-        end_job(self.database, held, detecting.writing(self.row, detections, {self.camera_id: list(pairs)}))
+        pairs = list(pairs) or [None] * len(detections.vertices)
+        end_job(self.database, held, detecting.writing(self.row, detections, {self.camera_id: pairs}))
 
     def counts(self):
         with self.database.reading() as session:
@@ -105,11 +107,11 @@ def test_a_frame_belongs_to_the_vertex_nearest_in_time_also_across_shards(databa
 
 def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database, make_run):
     run = make_run()
-    moved = [Pair(1, 0, (x, 0.0, 0.5), [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-4]]) for x in (5.1, 5.2)]
-    run.finish(0, found((0, 60), (1, 110)), moved)
+    places = [{"x": x, "y": 0.0, "z": 0.5, "covariance": COVARIANCE} for x in (5.1, 5.2)]
+    run.finish(0, found((0, 60), (1, 110)), [Pair(1, 0, {"top": place}) for place in places])
     with database.reading() as session:
         row = session.scalars(select(VertexFrame)).one()
-        assert (row.gap_ns, row.x, row.covariance) == (0, 5.2, moved[1].covariance)
+        assert (row.gap_ns, row.x, row.covariance) == (0, 5.2, COVARIANCE)
 
 
 def test_a_vertex_keeps_the_frame_that_people_marked(database, make_run, recording):
@@ -208,10 +210,10 @@ def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay
         return detecting._pair(Detections(vertices, 12, {}), stamps, pairing, {})
 
     walked = paired(0.0)
-    assert all(pair.gap_ns == 0 and pair.xyz is not None for pair in walked)
-    assert walked[5].xyz[1] == pytest.approx(0.52, abs=0.02), "20 ms at 1 m/s"
-    assert all((pair.gap_ns, pair.xyz) == (20_000_000, None) for pair in paired(0.5))
-    assert all((pair.gap_ns, pair.xyz) == (20_000_000, None) for pair in paired(0.0, None))
+    assert all(pair.gap_ns == 0 and pair.places for pair in walked)
+    assert walked[5].places["top"]["y"] == pytest.approx(0.52, abs=0.02), "20 ms at 1 m/s"
+    assert all((pair.gap_ns, pair.places) == (20_000_000, {}) for pair in paired(0.5))
+    assert all((pair.gap_ns, pair.places) == (20_000_000, {}) for pair in paired(0.0, None))
 
 
 @pytest.mark.parametrize(

@@ -4,20 +4,14 @@ import type { Corner } from "../corners.ts";
 import { read, readAll } from "./reads.ts";
 import { change, create, post, remove, type Sending } from "./writes.ts";
 import { isUnderWay } from "./types.ts";
-import type { DetectionRequest, DetectionView } from "./schema.ts";
+import type { DetectionRequest } from "./schema.ts";
 
 export const createDetection = (recording_id: string, body: DetectionRequest) =>
   create("/v1/recordings/{recording_id}/detections", { recording_id }, body);
 
 /** The detections of a recording that is ready. */
 export const detections = (recording_id: string | undefined) =>
-  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) =>
-    found.some((one) => isUnderWay(one) || areCornersUnderWay(one)),
-  );
-
-/** Whether jobs still make the vertices of corners that were asked for after the detection. */
-export const areCornersUnderWay = ({ state, job }: DetectionView): boolean =>
-  state === "done" && job !== null && isUnderWay(job);
+  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) => found.some(isUnderWay));
 
 export const detection = (detection_id: string) => read("/v1/detections/{detection_id}", { detection_id });
 
