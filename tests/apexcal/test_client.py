@@ -15,6 +15,7 @@ from apexcal.rigs import read_rig
 from apexcal.transport import HttpTransport
 from apexcal.upload_sources import open_source
 from apexcal.uploads import send_parts
+from tests.support.asking import leave_marks_to_people
 
 KEEP = {"all": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
 
@@ -138,6 +139,7 @@ def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated)
     assert stale.value.code == "version_conflict"
     loose = {"detector": "tolerant", "options": {"min_points": 3, "min_points_two_below": 0}}
     detection = owner.wait(owner.detections.create(recording.id, KEEP, **loose))
+    leave_marks_to_people(owner, recording.id)
     assert len(list(owner.detections.vertices(detection.id))) == detection.counts.accepted
     assert list(owner.detections.vertices(detection.id, quality="fine")) == []
     pixels = dict(zip(truth["stamp_ns"], truth["apex_uv"], strict=True))
@@ -149,6 +151,7 @@ def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated)
     assert tally.marks == done.complete == done.vertices == len(list(owner.marking.marks(detection.id, "front")))
     started = owner.detections.create(recording.id, KEEP, **loose, max_gap_ns=20_000_000, mode="interpolate")
     moved = owner.wait(started)
+    leave_marks_to_people(owner, recording.id)
     pairs = owner.correspondence_sets.get(owner.correspondence_sets.build(moved.id, "front").id)
     assert pairs.count == moved.counts.paired > 0, "marks survive another run with another pairing"
     assert all(pair.gap_ns == 0 and 0 < pair.sigma_elevation_rad < 0.01 for pair in pairs.pairs)

@@ -31,10 +31,11 @@ from service.admin.__main__ import app as admin
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import SHORT
 from tests.support import walks
+from tests.support.asking import leave_marks_to_people
+from tests.support.places import ROOT
 from tests.support.served import Embedded
 from workers.simulation.options import parser as simulation_parser
 
-ROOT = Path(__file__).parents[2]
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text()
     for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -135,9 +136,11 @@ class Reader:
 
     def mark(self, detection_id: str, most: int = 60) -> None:
         """What people do meanwhile: one of them marks vertices, a pixel off."""
-        fleet_id, random = self.client.detections.get(detection_id).fleet_id, np.random.default_rng(0)
+        detection, random = self.client.detections.get(detection_id), np.random.default_rng(0)
+        leave_marks_to_people(self.client, detection.recording_id)
         truth = Truth(self.walk / "truth.json")
-        with Client.sign_in(self.client.fleets.invite(fleet_id, "Bo", "annotator").link, self.service.url) as bo:
+        link = self.client.fleets.invite(detection.fleet_id, "Bo", "annotator").link
+        with Client.sign_in(link, self.service.url) as bo:
             for _ in range(most):
                 if (task := bo.marking.next_task(detection_id, "front")) is None:
                     break

@@ -25,6 +25,7 @@ from tests.apexcal.test_cli import apexcal
 from tests.apexcal.test_inspection import TYPES, shifted, write
 from tests.apexcal.test_rectified_images import mark
 from tests.support import walks
+from tests.support.asking import leave_marks_to_people
 from tests.support.served import Embedded
 
 COMMAND = (sys.executable, "-m", "apexcal.cli", "solve")
@@ -115,7 +116,7 @@ def words_of(walk: Path, served: Embedded, fleet: str, out: Path) -> tuple[str, 
     return str(walk / "recording.bag"), *named, "-o", str(out)
 
 
-def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedded, simulated, tmp_path):
+def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedded, owner, simulated, tmp_path):
     out = tmp_path / "out.urdf"
     with started(*words_of(simulated, embedded, "Stopped", out), "--looks", "front=forward") as solving:
         detection, camera = waits_at(solving)
@@ -123,6 +124,7 @@ def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedde
         _, printed = solving.communicate()
         assert solving.returncode == 130 and not out.exists()
     assert f"apexcal calibrate --detection {detection} --camera {camera}" in printed and "Traceback" not in printed
+    leave_marks_to_people(owner, owner.detections.get(detection).recording_id)
 
 
 @pytest.mark.slow

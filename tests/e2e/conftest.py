@@ -14,12 +14,15 @@ from apexcal.client import Client
 from apexcal.documents.machine_marks import MachineMark, MarksView
 from apexcal.rigs import read_rig
 from tests.e2e.chromium import find_chromium
+from tests.support.asking import leave_marks_to_people
+from tests.support.places import ROOT
 from tests.support.served import Embedded, serving
 from tests.support.walks import walk
 from workers.simulation.walker import BOARD_EDGES_M
 
 BOARD = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
-WEB = Path(__file__).parents[2] / "service" / "web" / "index.html"
+SignIn = Callable[[str, str], Page]
+WEB = ROOT / "service" / "web" / "index.html"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -64,14 +67,18 @@ def track(served: Embedded, simulated: Path) -> Iterator[Track]:
         yield recorded(owner, owner.fleets.create("Test track").id, "Van 7", simulated)
 
 
-def recorded(owner: Client, fleet_id: UUID | str, name: str, walk: Path, **options: float) -> Track:
-    """A vehicle of its own with the walk, read and searched for vertices."""
+def recorded(
+    owner: Client, fleet_id: UUID | str, name: str, walk: Path, *, machine_marks: bool = False, **options: float
+) -> Track:
+    """A vehicle of its own with the walk, read and searched for vertices; marked by the machine if asked."""
     vehicle = owner.vehicles.create(fleet_id, name)
     rig = owner.vehicles.create_rig(vehicle.id, read_rig(walk / "rig.json", "roof"))
     recording = owner.wait(owner.recordings.upload(walk / "recording.bag", vehicle.id, rig.id))
     region = json.loads((walk / "region.json").read_text())
     detection = owner.wait(owner.detections.create(recording.id, region, options=options))
     assert detection.counts.paired >= 10, detection.counts
+    if not machine_marks:
+        leave_marks_to_people(owner, recording.id)
     width, height = rig.cameras[0].image_size
     ids = (str(id) for id in (fleet_id, vehicle.id, recording.id, detection.id, rig.id))
     return Track(owner.base_url, owner, *ids, json.loads((walk / "truth.json").read_text()), (width, height))
@@ -81,7 +88,7 @@ def recorded(owner: Client, fleet_id: UUID | str, name: str, walk: Path, **optio
 def marked(track: Track, simulated: Path) -> tuple[Track, dict[str, MachineMark]]:
     """A recording of its own whose vertices the machine has marked, and its marks by vertex."""
     owner = track.owner
-    own = recorded(owner, track.fleet_id, "Marked by the machine", simulated, **BOARD)
+    own = recorded(owner, track.fleet_id, "Marked by the machine", simulated, machine_marks=True, **BOARD)
     (analysis,) = owner.analyses.list(MarksView, recording_id=own.recording_id)
     analysis = owner.wait(analysis)
     marks = {str(one.vertex_id): one for one in owner.analyses.marks(analysis.id) if one.reason is None}
@@ -103,7 +110,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def sign_in(browser: Browser, track: Track) -> Iterator[Callable[[str, str], Page]]:
+def sign_in(browser: Browser, track: Track) -> Iterator[SignIn]:
     """Signs an invited person in, in a browser context of their own; returns a page of it that shows nothing yet.
 
     The button that takes a link is tested in ``test_pages.py``. A page that threw an error, or asked for something

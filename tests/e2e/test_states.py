@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -26,7 +26,7 @@ from service.platform.db import models
 from service.platform.db.base import Base
 from service.platform.db.clock import utc_now
 from service.platform.db.session import Database
-from tests.e2e.conftest import BOARD, Track, recorded
+from tests.e2e.conftest import BOARD, SignIn, Track, recorded
 from tests.e2e.looks import CROSSED, DRAWN, assert_fits, show
 from tests.e2e.test_calibrating import add_cart
 from tests.e2e.test_workers import stopped
@@ -62,7 +62,6 @@ WATCHING = f"""(() => {{
 }})()"""
 # A refusal is an answer; whatever else a browser complains of is not.
 REFUSED = re.compile(r"the server responded with a status of 4\d\d")
-SignIn = Callable[[str, str], Page]
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,7 @@ def altered(database: Database, change: Change) -> Iterator[None]:
 def track(served: Embedded, simulated: Path) -> Iterator[Track]:
     """In the place of the track that the other pages share: people sign in to this one's fleet."""
     with Client(served.url, served.token) as owner:
-        own = recorded(owner, owner.fleets.create("States").id, "Van 8", simulated, **BOARD)
+        own = recorded(owner, owner.fleets.create("States").id, "Van 8", simulated, machine_marks=True, **BOARD)
         (analysis,) = owner.analyses.list(MarksView, recording_id=own.recording_id)
         owner.wait(analysis)
         yield own

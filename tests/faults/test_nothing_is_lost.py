@@ -20,6 +20,7 @@ from service.platform.storage.store import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests
+from tests.support.asking import leave_marks_to_people
 from tests.support.processes import wait_until
 from tests.support.proxies import Proxy
 from tests.support.wrong_clocks import why_not
@@ -274,6 +275,8 @@ def test_ingestion_and_detection_killed_at_work(farm: Farm, walk: Walk):
     two = farm.client.detections.create(killed.id, REGION, detector="tolerant")
     job_id = farm.kill_who_works_on("detect")
     two = farm.finished(two)
+    for recording in (plain, killed):
+        leave_marks_to_people(farm.client, recording.id)
     assert two.state == "done"
     assert farm.job(job_id).lost == 1
     assert one.counts == two.counts

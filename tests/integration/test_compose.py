@@ -19,6 +19,7 @@ from service.platform.settings import Settings
 from service.platform.storage.audit import audit
 from service.platform.storage.store import open_store
 from tests.integration.fleet import APIS, WORKERS, ComposeFleet
+from tests.support.asking import leave_marks_to_people
 from tests.support.walks import walk
 
 # What a loaded machine may need; an idle one takes a tenth of it.
@@ -39,6 +40,7 @@ def test_a_recording_goes_through_the_fleet_of_the_compose_file(fleet: ComposeFl
             timeout_s=PATIENCE_S,
         )
         assert detection.counts.paired >= 10
+        leave_marks_to_people(owner, recording.id)
         check_bytes(owner, recording.id, bag, tmp_path)
     check_store(fleet)
 
