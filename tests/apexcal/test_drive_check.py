@@ -17,11 +17,10 @@ from apexcal.geometry.rotations import rotation_from_vector
 from apexcal.geometry.se3 import SE3, from_document
 from tests.apexcal.test_cli import apexcal as run
 from tests.contract.test_validations import SIZE, bag_of_a_drive
+from tests.support.places import BOARD
 from tests.workers.validation.roads import camera
 from workers.readers.copying.copy_recording import copy_recording
 from workers.readers.detect import open_recording
-
-DATA = Path(__file__).parents[3] / "shared" / "data" / "vlp16-diamond-board"
 
 
 def deployed(bag: Path, out: Path, lens: dict[str, Any], T_camera_lidar: SE3, turn_deg=(0.0, 0.0, 0.0)) -> Path:
@@ -128,21 +127,21 @@ def _rows(rows: dict[str, Any]) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA.exists(), reason="the real recordings are not here")
+@pytest.mark.skipif(not BOARD.exists(), reason="the real recordings are not here")
 def test_a_real_recording_gets_a_verdict_and_a_real_turn_is_found(tmp_path) -> None:
     """The short form is the simulated drive above: a sound mount and one that is turned by as much."""
-    rows = list(csv.DictReader((DATA / "correspondences.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((BOARD / "correspondences.csv").read_text().splitlines()))
     points, marks = ([[float(row[name]) for name in names] for row in rows] for names in ("xyz", "uv"))
-    info = yaml.safe_load((DATA / "camera_info.yaml").read_text())
+    info = yaml.safe_load((BOARD / "camera_info.yaml").read_text())
     K, D = info["K"], info["D"]
     fit = apexcal.fit(points, marks, (1920, 1208), "kannala_brandt", (np.reshape(K, (3, 3)), D))
     mount = from_document(fit.transform.model_dump(mode="json"))
     lens = {"width": 1920, "height": 1208, "distortion_model": "equidistant", "K": K, "D": D}
-    code, sound = checked(deployed(DATA / "recording.bag", tmp_path / "sound", lens, mount))
+    code, sound = checked(deployed(BOARD / "recording.bag", tmp_path / "sound", lens, mount))
     # Rings that are two degrees apart, and still poses, need not tell each turn.
     assert (code, sound.cameras[0].verdict) in ((0, "pass"), (1, "not_told")) and len(sound.cameras[0].pictures) == 3
     told = {axis.axis: axis.verdict for axis in sound.cameras[0].axes}
     assert told["yaw"] == "pass", sound
-    turned = deployed(DATA / "recording.bag", tmp_path / "turned", lens, mount, (0.0, 0.5, 0.0))
+    turned = deployed(BOARD / "recording.bag", tmp_path / "turned", lens, mount, (0.0, 0.5, 0.0))
     code, turned_check = checked(turned)
     assert code == 4 and turned_check.cameras[0].verdict in ("look", "stop"), turned_check

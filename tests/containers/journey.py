@@ -31,8 +31,8 @@ from benchmarks.demo.truth import Truth
 from tests.containers import local_images
 from tests.containers.engine import Engine, NoEngineError, engine
 from tests.e2e.chromium import find_chromium
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "var" / "containers"
 NO_ENGINE = FOLDER / "no-engine"
 LOG = FOLDER / "commands.log"

@@ -12,7 +12,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.support.places import ROOT
+
 PRODUCT = ("apexcal", "service", "workers")
 
 # A table's row may bear the name of the document that it stores.

@@ -3,7 +3,6 @@
 from dataclasses import fields
 
 import numpy as np
-import pytest
 
 from service.platform.db.annotations import Answer
 from service.platform.db.base import new_id
@@ -51,7 +50,6 @@ def seed_walk(database, fleet_id, person_id, *, moving=True, offset_s=OFFSET_S):
     return recording_id, seed_detection(database, fleet_id, recording_id, apexes)
 
 
-@pytest.mark.usefixtures("broker")
 def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, context, fleet, engineer):
     _, detection_id = seed_walk(api.database, fleet, engineer.person_id)
     with api.database.reading() as session:
@@ -70,7 +68,6 @@ def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, c
     assert str(done["result"]["offset_ns"]) in done["hint"]
 
 
-@pytest.mark.usefixtures("broker")
 def test_who_stands_still_is_told_that_nothing_can_be_told(api, context, fleet, engineer):
     _, detection_id = seed_walk(api.database, fleet, engineer.person_id, moving=False)
     asked = engineer.post(

@@ -19,8 +19,6 @@ from tests.workers.readers.making_recordings import (
     write_bag,
 )
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 
 def bag(tmp_path, *streams):
     return write_bag(tmp_path / "made.bag", interleaved(*streams)).read_bytes()

@@ -84,7 +84,6 @@ def seed_sights(database, recording, scene):
 
 @one_database
 @pytest.mark.parametrize("draw", [DRAW, LEVEL], ids=["grey", "16 bits, level"])
-@pytest.mark.usefixtures("broker")
 def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, tmp_path, fleet, draw):
     engineer, annotator = api.member(fleet, "engineer"), api.member(fleet, "annotator")
     scene = Scene(draw)

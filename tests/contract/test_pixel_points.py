@@ -23,7 +23,7 @@ from tests.workers.readers.making_recordings import START_NS
 from tests.workers.tasks.test_ingesting import uploaded
 from tests.workers.validation.roads import camera
 
-pytestmark = [one_database, pytest.mark.usefixtures("broker")]
+pytestmark = one_database
 
 DRIVE = Drive(speed_m_s=0.0, bias_m=0.0)
 NOISE = {

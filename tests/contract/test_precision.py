@@ -14,7 +14,6 @@ from service.platform.db.jobs import Job
 from tests.contract.test_analyses import FRAMES, seed_walk
 from tests.support.work import work
 
-pytestmark = pytest.mark.usefixtures("broker")
 RESULT = {"answered", "pairs", "error_20m_mm", "doubts", "next_steps"}
 
 

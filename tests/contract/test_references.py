@@ -4,7 +4,8 @@ import re
 import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.support.places import ROOT
+
 ROOMS = "apexcal|service|workers|frontend|tests|benchmarks|docs"
 _NAMED = re.compile(rf"`((?:{ROOMS})/[\w./-]*\w)`")
 _MADE = {"service/web", "workers/reports/report.html"}

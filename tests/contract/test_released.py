@@ -17,8 +17,8 @@ import yaml
 
 from service.openapi import document
 from service.platform.db.models import Base
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 FILE = Path(__file__).with_name("released.json")
 Digest = dict[str, Any]
 

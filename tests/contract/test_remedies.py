@@ -7,8 +7,6 @@ from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.work import work
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 
 @pytest.mark.parametrize(("off_px", "advice"), [(60.0, "wrong_pairs"), (0.0, None)])
 def test_wrong_marks_are_left_out_and_held_out_pairs_say_what_that_brings(context, engineer, rig, off_px, advice):

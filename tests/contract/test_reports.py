@@ -15,8 +15,6 @@ from tests.support.databases import one_database
 from tests.support.reports import data_of
 from tests.support.work import work
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 
 @pytest.fixture
 def result(context, engineer, rig):

@@ -21,7 +21,6 @@ from tests.support.uploads import RIG, new_recording, new_vehicle, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 
-pytestmark = pytest.mark.usefixtures("broker")
 _DAY_S = 86400.0
 _QUICK = {
     "models": ["pinhole"], "folds": 0,

@@ -21,7 +21,6 @@ from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
 from workers.tasks import concluding
 from workers.tasks.solving import solve
 
-pytestmark = pytest.mark.usefixtures("broker")
 SCHEDULE = {"slots": 2, "population": 300, "generations": 15, "max_iterations": 25}
 TRUE = to_document(FRONT.transform @ LEFT.transform.inverse())
 

@@ -11,10 +11,7 @@ from tests.support.uploads import new_recording, upload
 from tests.support.work import work
 from workers.tasks.running import run_job
 
-pytestmark = [
-    pytest.mark.usefixtures("broker"),
-    pytest.mark.parametrize("database_url", ["sqlite"], indirect=True),
-]
+pytestmark = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 
 
 @pytest.fixture

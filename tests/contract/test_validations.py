@@ -28,7 +28,6 @@ def errors_of(points, marks):
     return np.hypot(F * right / forward + CX - marks[:, 0], F * down / forward + CY - marks[:, 1])
 
 
-@pytest.mark.usefixtures("broker")
 def test_a_calibration_is_scored_on_pairs_that_it_never_saw(context, engineer, rig):
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(5, 20, 40), rng.uniform(-2, 2, 40), rng.uniform(-1, 1, 40)])
@@ -69,7 +68,6 @@ def bag_of_a_drive(path, frames=3, drive=Drive(speed_m_s=0.0)):
 
 
 @one_database
-@pytest.mark.usefixtures("broker")
 def test_a_drive_is_held_against_its_frames(context, tmp_path, engineer, rig):
     recording = uploaded(context, rig, bag_of_a_drive(tmp_path / "drive.bag"))
     work(context)

@@ -15,8 +15,6 @@ from tests.workers.solver.few_pairs import drawn
 from workers.geometry.models import EXTRINSICS
 from workers.tasks.running import run_job
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 SCHEDULE = {"population": 200, "generations": 12, "max_iterations": 6, "slots": 2}
 F, CX, CY = 420.0, 325.0, 236.0
 

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.support.places import ROOT
+
 PACKAGE = ROOT / "frontend" / "node_modules" / "@sparticuz" / "chromium"
 SYSTEM = Path("/usr/bin/chromium")
 

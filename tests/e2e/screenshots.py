@@ -6,27 +6,24 @@ Those of 1280 px go to docs/images/pages, all others to var/screenshots. No page
 
 import os
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from PIL import Image
 from playwright.sync_api import Page, expect
 
 from apexcal.documents.machine_marks import MachineMark
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.marking import Marker
 from tests.e2e.test_calibrating import pairs_of_truth
 from tests.e2e.test_crops import Confirmer
 from tests.e2e.test_marking import ask_marks
 from tests.e2e.test_marking_beside import ASIDE_PX, click_corner
 from tests.e2e.test_workspace import DRAWERS
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 SIZES = {390: 844, 1280: 900, 1920: 1080}
 DOCUMENTED = 1280
 pytestmark = pytest.mark.timeout(1200)
-SignIn = Callable[[str, str], Page]
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """From correspondences to a published calibration, and a fleet's calibrations in one request, in a browser."""
 
 import re
-from collections.abc import Callable
 from uuid import UUID
 
 import cv2
@@ -11,7 +10,7 @@ from sqlalchemy import select
 
 from service.platform.db.models import Calibration, CalibrationRun, Job
 from service.platform.db.session import Database
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import assert_verdict_at_once
 from tests.faults.jobs import LEVEL_RIG, SHORT, SLOW, pairs
 from tests.support.served import Embedded
@@ -39,7 +38,7 @@ def pairs_of_truth(track: Track, count: int) -> list[dict[str, float]]:
     return [dict(zip("xyzuv", map(float, row), strict=True)) | {"group": i % 5} for i, row in enumerate(columns)]
 
 
-def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, str], Page], track: Track) -> None:
+def test_who_publishes_what_is_no_good_is_asked_first(sign_in: SignIn, track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Sledge", 40, vertices=1)
     wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended", "schedule": SHORT}
     done = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted))
@@ -87,7 +86,7 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     assert override and override.reason == "A first guess, for the demo." and len(override.sentences) >= 2
 
 
-def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str], Page], track: Track) -> None:
+def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: SignIn, track: Track) -> None:
     """With the keyboard alone: from the list of what the camera was given to what it had before."""
     vehicle, pairs_of_one = add_cart(track, "Wagon", 60)
     wanted = {"models": ["pinhole"], "folds": 3, "publish": "recommended", "schedule": SHORT}
@@ -173,9 +172,7 @@ def ask_for_the_carts(page: Page, models: int, folds: int) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("Calibration of 2 vehicles")
 
 
-def test_a_fleet_is_asked_for_and_one_vehicle_fails(
-    sign_in: Callable[[str, str], Page], track: Track, served: Embedded
-) -> None:
+def test_a_fleet_is_asked_for_and_one_vehicle_fails(sign_in: SignIn, track: Track, served: Embedded) -> None:
     first, first_set = add_cart(track, "Cart 1", 40)
     second, _ = add_cart(track, "Cart 2", 40)
     add_cart(track, "Cart 3", 5)
@@ -222,7 +219,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"))
 
 
-def test_an_engineer_deletes_what_was_never_published(sign_in: Callable[[str, str], Page], track: Track) -> None:
+def test_an_engineer_deletes_what_was_never_published(sign_in: SignIn, track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Discarded", 41)
     request = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
     calibration = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **request))

@@ -1,18 +1,16 @@
 """Two results of a camera side by side, and a camera's results over time, in a browser."""
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from apexcal.documents.results import ResultView
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import View, assert_looks, each_view
 from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 
-SignIn = Callable[[str, str], Page]
 MOVED_M = 0.06
 
 

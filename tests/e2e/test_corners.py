@@ -1,15 +1,11 @@
 """Marking several corners of the board in one frame."""
 
-from collections.abc import Callable
-
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
-from tests.e2e.conftest import BOARD, Track, recorded
+from tests.e2e.conftest import BOARD, SignIn, Track, recorded
 from tests.e2e.marking import Marker
 from tests.support.walks import walk
-
-SignIn = Callable[[str, str], Page]
 
 
 @pytest.fixture

@@ -1,19 +1,17 @@
 """From a result in a browser to the mark that spoils it, and to a fit without it; making a vehicle and its rig."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from playwright.sync_api import Locator, Page, expect
 
-from tests.e2e.conftest import Track, recorded
+from tests.e2e.conftest import SignIn, Track, recorded
 from tests.e2e.effort import count_effort, effort_of
 
 MARKS = 24
 WRONG, WRONG_PX = 5, 60  # one mark, so far to the side
-SignIn = Callable[[str, str], Page]
 
 
 def test_a_vehicle_and_its_rig_are_made(sign_in: SignIn, track: Track, simulated: Path) -> None:

@@ -1,7 +1,6 @@
 """Confirming the machine's marks in a browser: who looks comes to the end, who does not is told so."""
 
 import re
-from collections.abc import Callable
 from itertools import pairwise
 from math import dist
 from typing import Any
@@ -9,10 +8,8 @@ from typing import Any
 from playwright.sync_api import Page, Response, expect
 
 from apexcal.documents.machine_marks import MachineMark
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.marking import Marker
-
-SignIn = Callable[[str, str], Page]
 
 
 class Confirmer:

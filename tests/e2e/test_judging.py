@@ -1,16 +1,13 @@
 """A detection judged sweep by sweep: found, uncertain and refused, the corner in 3D, the frame beside it."""
 
 import re
-from collections.abc import Callable
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from apexcal.documents.detectors import DETECTORS
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
-
-SignIn = Callable[[str, str], Page]
 
 
 @pytest.fixture(scope="module")

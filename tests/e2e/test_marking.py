@@ -1,17 +1,15 @@
 """Marking in a browser: by several people at once, by mouse and by keyboard."""
 
 import re
-from collections.abc import Callable
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.marking import Marker
 
 NUMBERS = re.compile(r"-?\d+(?:\.\d+)?")
 LATENCY_MS = 600
-SignIn = Callable[[str, str], Page]
 
 
 def ask_marks(track: Track, per_vertex: int) -> None:

@@ -2,18 +2,16 @@
 
 import math
 import re
-from collections.abc import Callable
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from apexcal.documents.machine_marks import MachineMark
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import View, assert_looks, each_view
 from tests.e2e.marking import Marker
 from tests.e2e.test_marking import ask_marks, narrow_to
 
-SignIn = Callable[[str, str], Page]
 ASIDE_PX = 60
 CELL_PX = 2.5
 

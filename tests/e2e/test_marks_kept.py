@@ -1,17 +1,14 @@
 """No placed or saved mark is lost or replaced in silence: offline, reload, Back, undo, tabs, other people."""
 
 import os
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.marking import Marker
 from tests.e2e.test_marking import ask_marks
-
-SignIn = Callable[[str, str], Page]
 
 HAS_FRAMES = (
     r"count => performance.getEntriesByType('resource').filter((one) => /frames\/\d/.test(one.name)).length >= count"

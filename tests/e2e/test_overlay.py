@@ -1,7 +1,6 @@
 """A sweep drawn into its frame on a calibration's page: the points that belong there, blinking, saved, by keys."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,12 @@ from playwright.sync_api import Locator, Page, expect
 
 from apexcal.geometry.se3 import from_document
 from apexcal.sweeps import unpack
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.e2e.test_calibrating import pairs_of_truth
 from tests.faults.jobs import SHORT
 from workers.geometry.projection import project
 
-SignIn = Callable[[str, str], Page]
 MOVE = "move board and holder to the frame's time"
 
 

@@ -3,20 +3,17 @@
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from uuid import UUID
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Route, expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import assert_looks
+from tests.support.places import FRONTEND
 from tests.support.processes import wait_until
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
-
-SignIn = Callable[[str, str], Page]
-FRONTEND = Path(__file__).parents[2] / "frontend"
 
 
 def test_a_link_signs_in_once_and_only_by_its_button(browser: Browser, track: Track) -> None:

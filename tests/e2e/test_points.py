@@ -1,20 +1,18 @@
 """The LiDAR's points in a browser that draws by software: shown, turned, picked, without a mouse, without WebGL."""
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from apexcal.sweeps import Points, unpack
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.dense import write_dense
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.faults.jobs import SHORT, pairs
 from tests.support.uploads import RIG
 
-SignIn = Callable[[str, str], Page]
 # A machine of two cores shows the sweep after 0.15 s, an overlay sooner, and half as many pictures as an idle page.
 MOST_SECONDS = 2.0
 SHARE_OF_IDLE = 0.25

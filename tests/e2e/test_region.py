@@ -2,18 +2,15 @@
 
 import json
 import re
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from playwright.sync_api import Locator, Page, expect
 
 from apexcal.sweeps import unpack
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import assert_accessible
 from workers.vertices.region import Region
-
-SignIn = Callable[[str, str], Page]
 
 
 def open_drawing(page: Page, track: Track) -> Locator:

@@ -2,14 +2,13 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, Request, expect
+from playwright.sync_api import Browser, Request, expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import View, assert_looks, assert_verdict_at_once, each_view
 from tests.e2e.test_calibrating import pairs_of_truth
 from tests.faults.jobs import SHORT
@@ -21,9 +20,7 @@ PLOTS = ("arrows", "offsets", "by_range", "by_angle", "over_time", "from_above")
 
 
 @each_view
-def test_a_report_is_read_and_pairs_are_left_out(
-    sign_in: Callable[[str, str], Page], track: Track, views: tuple[View, ...]
-) -> None:
+def test_a_report_is_read_and_pairs_are_left_out(sign_in: SignIn, track: Track, views: tuple[View, ...]) -> None:
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 60))
     done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=2, schedule=SHORT)
     done = track.owner.wait(done)
@@ -124,7 +121,7 @@ def test_a_saved_report_opens_from_a_file_and_names_stay_text(browser: Browser, 
     context.close()
 
 
-def test_wrong_marks_are_seen_and_left_out_on_the_page(sign_in: Callable[[str, str], Page], track: Track) -> None:
+def test_wrong_marks_are_seen_and_left_out_on_the_page(sign_in: SignIn, track: Track) -> None:
     """The page draws what the report draws; two clicks fit again without all pairs that do not belong."""
     wrong = (5, 17, 31)
     pairs = [pair | {"v": pair["v"] + 60.0 * (i in wrong)} for i, pair in enumerate(pairs_of_truth(track, 90))]

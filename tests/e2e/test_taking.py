@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,15 +12,13 @@ from playwright.sync_api import Page, Response, Route, expect
 
 from apexcal.documents.copies import CopyView
 from apexcal.errors import ApiError
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import assert_looks
 from tests.e2e.test_calibrating import add_cart
 from tests.faults.jobs import LEVEL_RIG, SHORT
 from tests.workers.readers.making_recordings import START_NS, TYPES, clouds, images, interleaved, png, write_bag
 from tests.workers.readers.making_transforms import CAMERA, LIDAR, TF, message
 from tests.workers.readers.viewing.reading_viewer_files import messages
-
-SignIn = Callable[[str, str], Page]
 
 
 @dataclass(frozen=True)

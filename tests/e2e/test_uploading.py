@@ -1,11 +1,10 @@
 """A large file goes through a browser: it is hashed by a worker, and the page goes on."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 
 BYTES = 200_000_000
 PARTS = -(-BYTES // (16 << 20))
@@ -25,9 +24,7 @@ _WATCH = """(limit) => {
 }"""
 
 
-def test_the_page_goes_on_while_a_large_file_is_hashed(
-    sign_in: Callable[[str, str], Page], track: Track, tmp_path: Path
-) -> None:
+def test_the_page_goes_on_while_a_large_file_is_hashed(sign_in: SignIn, track: Track, tmp_path: Path) -> None:
     page = sign_in("Lea", "engineer")
     page.goto(f"{track.url}/vehicles/{track.vehicle_id}")
     large = tmp_path / "large.bag"

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import View, assert_looks, each_view
 from tests.support.served import Embedded
 
@@ -68,7 +68,7 @@ def supervised(served: Embedded) -> dict[str, int]:
 @each_view
 @pytest.mark.parametrize("away", [stopped, pytest.param(killed, marks=pytest.mark.slow)])
 def test_work_says_that_no_worker_answers_until_one_does(
-    sign_in: Callable[[str, str], Page],
+    sign_in: SignIn,
     track: Track,
     served: Embedded,
     away: Callable[[dict[str, Any]], Any],

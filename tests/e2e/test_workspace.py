@@ -1,15 +1,13 @@
 """A recording as the steps of the work, an empty vehicle, a dropped file, and moving between pages by keys."""
 
 import re
-from collections.abc import Callable
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import SignIn, Track
 from tests.e2e.looks import CROSSED, ONCE, View, assert_accessible, assert_fits, show
 
-SignIn = Callable[[str, str], Page]
 DRAWERS = ("facts", "region", "calibration")
 DROP = """([name, where]) => {
   const data = new DataTransfer();

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.notice import notice
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGES = ("service/web/index.html", "workers/reports/report.html")
 TEXTS = {name: (ROOT / name).read_text() for name in ("LICENSE", "NOTICE")}
 LICENCE = TEXTS["LICENSE"]

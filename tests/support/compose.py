@@ -6,12 +6,12 @@ import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import yaml
 
-ROOT = Path(__file__).parents[2]
+from tests.support.places import ROOT
+
 FILE = ROOT / "docker-compose.yml"
 
 # $$, ${NAME}, ${NAME:-default}, ${NAME:?what to do}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import re
 from importlib.metadata import PackageNotFoundError, metadata
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.support.places import ROOT
+
 BUNDLED = ("@tanstack/svelte-query", "hash-wasm", "idb", "openapi-fetch", "svelte", "three")
 HEAD = """\
 apexcal

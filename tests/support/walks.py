@@ -14,9 +14,9 @@ from functools import cache
 from pathlib import Path
 
 from apexcal.documents.simulation import SimulationOptions
+from tests.support.places import ROOT
 from workers.simulation.simulate import simulate
 
-_ROOT = Path(__file__).parents[2]
 _FOLDER = Path(sys.prefix) / "walks"
 _SOURCES = ("workers/simulation", "workers/geometry", "apexcal/geometry", "apexcal/documents/simulation.py")
 
@@ -55,9 +55,9 @@ def _state() -> str:
     """What the simulator's sources are, and what it is asked for."""
     digest = hashlib.sha256(repr(WALKS).encode())
     for source in _SOURCES:
-        files = sorted((_ROOT / source).rglob("*.py")) if (_ROOT / source).is_dir() else [_ROOT / source]
+        files = sorted((ROOT / source).rglob("*.py")) if (ROOT / source).is_dir() else [ROOT / source]
         for file in files:
-            digest.update(os.fsencode(file.relative_to(_ROOT)) + b"\0" + file.read_bytes())
+            digest.update(os.fsencode(file.relative_to(ROOT)) + b"\0" + file.read_bytes())
     return digest.hexdigest()[:16]
 
 

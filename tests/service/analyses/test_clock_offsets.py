@@ -1,14 +1,10 @@
 """Clock offsets over HTTP, on both databases."""
 
-import pytest
-
 from service.platform.db.analyses import Analysis
 from service.platform.db.detections import Detection
 from service.platform.db.jobs import Job
 from service.platform.settings import get_settings
 from tests.service.detections.seeding import seed_answer, seed_marking
-
-pytestmark = pytest.mark.usefixtures("broker")
 
 FOUND = {"offset_ns": -30_200_000, "sigma_ns": 1_100_000, "rms_px": 1.4, "pairs": 3}
 

@@ -14,8 +14,6 @@ from tests.service.detections.seeding import seed_answer, seed_marking
 from tests.service.publications.given import publish
 from tests.support.rows import LEVEL
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 REGION = {"all": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
 K = [400.0, 0.0, 320.0, 0.0, 400.0, 240.0, 0.0, 0.0, 1.0]
 LENS = {"width": 640, "height": 480, "distortion_model": "plumb_bob", "K": K, "D": []}

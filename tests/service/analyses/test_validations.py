@@ -11,8 +11,6 @@ from tests.service.calibrations.test_results import seed_results
 from tests.service.detections.seeding import seed_recording
 from tests.support.asking import bring_pairs
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 PAIRS = [{"x": 9.0, "y": 0.1 * i, "z": 0.2, "u": 300.0 + i, "v": 200.0, "group": i // 4} for i in range(12)]
 SCORE = {"verdict": "agrees", "sentence": "It holds.", "pairs": 1, "forbidden": 0, "wrong": 0, "mean_px": 1.0}
 COLUMNS = {"u": [1.0], "v": [2.0], "residual_u": [0.5], "residual_v": [None], "is_wrong": [False]}

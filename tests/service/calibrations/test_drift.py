@@ -15,8 +15,6 @@ from tests.support.databases import one_database
 from tests.support.results import fit_result, model_summary, summary
 from tests.support.rows import LEVEL
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 LENS = {"model": "pinhole", "parameters": {"f_x": 400, "f_y": 400, "c_x": 320, "c_y": 240}, "image_size": [640, 480]}
 
 

@@ -10,8 +10,6 @@ from service.platform.db.recordings import Sensor
 from tests.service.detections.seeding import seed_answer, seed_marking, seed_rig
 from tests.support.asking import bring_pairs
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 
 @pytest.fixture
 def rig(api, fleet):

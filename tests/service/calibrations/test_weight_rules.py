@@ -10,7 +10,6 @@ from tests.service.calibrations.test_routes import add_set, ask, documents
 from tests.support.asking import bring_pairs
 from workers.tasks.run_inputs import read_run
 
-pytestmark = pytest.mark.usefixtures("broker")
 SIGMAS = {"sigma_azimuth_rad": 1e-3, "sigma_elevation_rad": 2e-3, "sigma_range_m": 0.01}
 
 

@@ -10,8 +10,6 @@ from tests.faults.jobs import pairs
 from tests.support.asking import bring_pairs
 from tests.support.uploads import new_vehicle
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 
 @pytest.fixture
 def ask(engineer, fleet):

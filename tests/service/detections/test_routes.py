@@ -9,8 +9,6 @@ from service.platform.db.jobs import Job, Worker
 from service.platform.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 REGION = {"all": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
 
 

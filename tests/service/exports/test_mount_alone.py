@@ -13,14 +13,10 @@ from apexcal.documents.results import StatedLensFit
 from service.exports.calibrated import Calibrated
 from service.exports.formats import FORMATS, export
 from service.platform.db.calibrations import Result
-from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
+from tests.service.calibrations.test_results import current_address
 from tests.service.exports.rigs import rig_of
+from tests.service.exports.test_routes import URDF
 
-URDF = (
-    '<robot name="car"><link name="velodyne"/><link name="camera_front_optical"/>\n<joint name="mount" type="fixed">'
-    '<parent link="velodyne"/><child link="camera_front_optical"/><origin xyz="1 1 1"/></joint></robot>'
-)
 SENTENCE = "The stated lens leaves 3.1 px RMS, the lens of these pairs 0.7 px."
 
 LENS = {"f_x": 500.0, "f_y": 500.0, "c_x": 320.0, "c_y": 240.0}
@@ -71,24 +67,20 @@ def test_what_carries_no_lens_takes_the_mount_for_the_lens_that_the_vehicle_uses
     assert (SENTENCE in note) == (explains != "none")
 
 
-def test_the_answer_says_with_which_lens_a_mount_holds(api, fleet, viewer):
-    rig = seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
-    _, (full, _) = seed_results(api, rig)
-    assert api.member(fleet, "reviewer").post(f"/results/{full}/publication").status_code == 201
-
+def test_the_answer_says_with_which_lens_a_mount_holds(api, rig, result, viewer):
     def answers():
         asked = {"urdf": URDF, "joint": "mount"}
         return [
             viewer.get(current_address(rig), params={"format": "urdf"}),
-            viewer.post(f"/results/{full}/urdf", asked),
+            viewer.post(f"/results/{result}/urdf", asked),
             viewer.post(f"{current_address(rig)}/urdf", asked),
         ]
 
     for answer in answers():
         (note,) = json.loads(answer.headers["apexcal-notes"])
-        assert f"/v1/results/{full}?format=camera_info" in note
+        assert f"/v1/results/{result}?format=camera_info" in note
     with api.database.writing() as session:
-        row = session.get_one(Result, full)
+        row = session.get_one(Result, result)
         frames = (row.document["transform"]["to_frame"], row.document["transform"]["from_frame"])
         row.document = row.document | {"stated_lens": stated_at([0.0, 0.0, 7.0], frames, True)}
     for answer in answers():
@@ -97,4 +89,4 @@ def test_the_answer_says_with_which_lens_a_mount_holds(api, fleet, viewer):
         assert b"-7.0" in answer.content
     ros2 = viewer.get(current_address(rig), params={"format": "ros2"})
     (note,) = json.loads(ros2.headers["apexcal-notes"])
-    assert f"/v1/results/{full}?format=camera_info" in note and b"-7.0" not in ros2.content
+    assert f"/v1/results/{result}?format=camera_info" in note and b"-7.0" not in ros2.content

@@ -13,8 +13,7 @@ from sqlalchemy import select
 
 from apexcal.geometry.se3 import SE3, from_document
 from service.platform.db.fleets import RigCamera
-from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
+from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address
 from tests.service.exports.readers import fixed_axes, joints, rigid
 from tests.service.exports.test_routes import URDF
 from tests.support.databases import one_database
@@ -30,18 +29,6 @@ JOINT = {
     "T_child_camera": {"to_frame": "camera_front_link", "from_frame": OWN, "rotation": {"matrix": BODY.tolist()},
                        "translation_m": [0.01, 0.02, 0.03]},
 }  # fmt: skip
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
-
-
-@pytest.fixture
-def result(api, fleet, rig):
-    _, (full, _) = seed_results(api, rig)
-    assert api.member(fleet, "reviewer").post(f"/results/{full}/publication").status_code == 201
-    return full
 
 
 @pytest.fixture

@@ -12,8 +12,7 @@ from sqlalchemy import update
 
 from service.platform.db.calibrations import Result
 from service.platform.db.fleets import RigCamera
-from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
+from tests.service.calibrations.test_results import current_address
 from tests.support.databases import one_database
 
 pytestmark = one_database
@@ -22,18 +21,6 @@ URDF = (
     '<robot name="car"><link name="velodyne"/><link name="camera_front_optical"/>\n<joint name="mount" type="fixed">'
     '<parent link="velodyne"/><child link="camera_front_optical"/><origin xyz="1 1 1"/></joint></robot>'
 )
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
-
-
-@pytest.fixture
-def result(api, fleet, rig):
-    _, (full, _) = seed_results(api, rig)
-    assert api.member(fleet, "reviewer").post(f"/results/{full}/publication").status_code == 201
-    return full
 
 
 def test_what_is_published_comes_in_every_format(fleet, rig, result, viewer):

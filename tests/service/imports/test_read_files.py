@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,8 +16,8 @@ from service.imports.formats import files_view
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import files_of
 from tests.service.exports.rigs import rig_of
+from tests.support.places import DATA
 
-DATA = Path(__file__).parents[4] / "shared" / "data"
 K = [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]
 CAMERA_CALIBRATION = f"""
 image_width: 640

@@ -1,6 +1,5 @@
 """Correspondence sets: made of marks with everything said that was left out, imported, immutable, each once."""
 
-from pathlib import Path
 from uuid import UUID
 
 import pytest
@@ -21,6 +20,7 @@ from tests.service.detections.seeding import (
     seed_recording,
     vertices_of,
 )
+from tests.support.places import BOARD
 
 CSV = {"Content-Type": "text/csv"}
 ROWS = "x,y,z,u,v,pose\n4,0,0.5,320.5,200,1\n5,1,0.5,200,210,2\n"
@@ -204,7 +204,7 @@ def test_bad_imports_are_refused_and_nothing_is_stored(api, engineer, rig, body,
         assert session.query(CorrespondenceSet).count() == 0
 
 
-REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board" / "correspondences.csv"
+REAL = BOARD / "correspondences.csv"
 
 
 def test_two_recordings_with_the_same_marks_have_a_set_each(api, fleet, engineer, rig):

@@ -13,7 +13,6 @@ from service.recordings.actions import remove_layers
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.support.people import Api
 
-pytestmark = pytest.mark.usefixtures("broker")
 SWEEPS = [f"sweep {index}".encode() * (index + 1) for index in range(5)]
 
 

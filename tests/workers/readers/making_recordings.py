@@ -2,7 +2,6 @@
 
 import struct
 import zlib
-from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -12,7 +11,6 @@ TYPES = get_typestore(Stores.ROS1_NOETIC)
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
 FORMATS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
-DATA = Path(__file__).parents[4] / "shared" / "data"
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 IMAGE = "sensor_msgs/msg/Image"

@@ -18,10 +18,10 @@ from fuzz_seeds import REPACKED, make_whole, members
 from making_bombs import BOMBS
 from making_recordings import png
 
+from tests.support.places import ROOT
 from workers.readers.normalised.manifest import RecordingManifest
 from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 
-ROOT = Path(__file__).parents[3]
 RUNNER = Path(__file__).with_name("fuzz_runner.py")
 LONG = [pytest.mark.slow, pytest.mark.timeout(7200)]
 SHORT_AND_LONG = [range(90), pytest.param(range(90, 10_090), marks=LONG)]

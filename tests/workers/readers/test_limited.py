@@ -12,13 +12,12 @@ import pytest
 from making_recordings import IMAGE, START_NS, clouds, images, interleaved, raw_image, write_bag
 from rosbags.rosbag1 import Writer
 
+from tests.support.places import ROOT
 from workers.readers import limited
 from workers.readers.limited import ingest_limited
 from workers.readers.limits import Limits
 from workers.readers.normalised.sensor_files import SweepFile
 from workers.readers.recording import ReadError
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")

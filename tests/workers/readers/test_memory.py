@@ -4,14 +4,13 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from making_long import long_bag, long_pcap, long_tar
 
+from tests.support.places import ROOT
 from workers.readers.__main__ import _used
 
-ROOT = Path(__file__).parents[3]
 MB = 1_000_000
 # Writers, and the sizes of the short form: a capture's megabyte holds five times as many messages as a bag's.
 KINDS = {

@@ -3,7 +3,6 @@
 import csv
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from apexcal.documents.fit_requests import fit_request
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from apexcal.geometry.se3 import SE3, to_document
+from tests.support.places import BOARD
 from workers.geometry.projection import project
 from workers.solver.polish import mean_and_rms, polish
 from workers.solver.problem import fit_problem
@@ -27,7 +27,7 @@ DISTORTION = {
     "kannala_brandt": [-0.05, 0.01, -0.003, 0.0003],
     "rational_polynomial": [0.4, 0.02, 0.0005, -0.0005, 0.0, 0.6, 0.1, 0.004],
 }
-REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board" / "correspondences.csv"
+REAL = BOARD / "correspondences.csv"
 
 
 def simulated(model, seed, pairs=222, mount_deg=15.0, noise_px=1.0, **request):

@@ -25,8 +25,6 @@ from tests.support.rows import add
 from tests.support.work import work
 from workers.tasks.concluding import conclude
 
-pytestmark = pytest.mark.usefixtures("broker")
-
 MOUNT = {"to_frame": "camera", "from_frame": "velodyne"}
 
 

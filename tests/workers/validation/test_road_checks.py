@@ -1,7 +1,6 @@
 """Lane markers and depth edges against frames: on simulated roads, and on real ones where they are."""
 
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 import yaml
 
 from apexcal.documents.validations import RoadScore
+from tests.support.places import DATA
 from tests.workers.validation.roads import checked, drive
 from workers.readers.recording import Sweep
 from workers.readers.trees.pcd import read_pcd
@@ -16,7 +16,6 @@ from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
 
-DATA = Path(__file__).parents[4] / "shared" / "data"
 KNOCK_DEG = 0.25
 
 

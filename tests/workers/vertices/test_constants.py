@@ -2,9 +2,9 @@
 
 import ast
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).parents[3]
+from tests.support.places import ROOT
+
 ROOM = ROOT / "workers" / "vertices"
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 

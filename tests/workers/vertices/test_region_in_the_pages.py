@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from apexcal.documents.regions import OPERATORS, QUANTITIES
+from tests.support.places import FRONTEND
 from workers.vertices.region import Region
 
-FRONTEND = Path(__file__).parents[3] / "frontend"
 POLYGON = {"polygon": [[1, -2], [9, -7], [6, 0], [12, 5], [2, 4]], "z": [-1.2, 0.9]}
 CROSSED = {"polygon": [[0, 0], [8, 8], [8, 0], [0, 8]]}
 TURNED = {"box": {"min": [2, -3, -1], "max": [7, 4, 1.5], "yaw_deg": 33}}

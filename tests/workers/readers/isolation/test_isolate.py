@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.places import ROOT
 from workers.readers.isolation.isolate import Isolation
 from workers.readers.limited import isolation_here
 
-ROOT = Path(__file__).parents[4]
 PROBE = Path(__file__).with_name("probe.py")
 REFUSED = {"EACCES", "EPERM", "ENOENT", "ENETUNREACH", "ESRCH", "ENOSYS"}
 NEEDED = ("source read", "own folder", "python")

@@ -3,14 +3,13 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from tests.support.places import ROOT
 from workers.readers.isolation.seccomp import _ALLOWED
 from workers.readers.limited import isolation_here
 
-ROOT = Path(__file__).parents[4]
 # Allowed with some arguments alone, which are tried below.
 PARTLY = {"clone", "tgkill", "prlimit64", "prctl"}
 # All that a kernel has or may get: names of numbers are libseccomp's.

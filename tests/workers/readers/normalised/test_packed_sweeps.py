@@ -11,10 +11,10 @@ import pytest
 
 from apexcal.documents.sweeps import BYTES_PER_POINT, HEADER_BYTES, SweepHeader
 from apexcal.sweeps import unpack
+from tests.support.places import FRONTEND
 from workers.readers.normalised.packed_sweeps import pack, unpacked
 from workers.readers.recording import Sweep
 
-FRONTEND = Path(__file__).parents[4] / "frontend"
 STAMP_NS = 1_700_000_000_123_456_789
 RINGS = 16
 
