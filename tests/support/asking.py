@@ -25,7 +25,7 @@ def ask_calibration(actor: Actor, vehicle_id: Any, *sets: str, **request: Any) -
     return answer.json()["id"]
 
 
-def leave_marks_to_people(owner: Client, recording_id: UUID) -> None:
+def leave_marks_to_people(owner: Client, recording_id: UUID | str) -> None:
     """End the machine's marking of a recording: it takes longer than detection and a fit together."""
     for analysis in owner.analyses.list(MarksView, recording_id=recording_id):
         owner.analyses.delete(analysis.id)
