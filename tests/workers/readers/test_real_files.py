@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from making_recordings import DATA
 from pypcd4 import PointCloud
 
 from apexcal.documents.readings import ReadOptions
+from tests.support.places import BOARD, DATA
 from workers.readers.clouds.rings import learn_missing_rings
 from workers.readers.inspection import inspect_recording
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 from workers.readers.recording import ReadError
-
-BOARD = DATA / "vlp16-diamond-board"
 
 
 def ingested(path, out, **request):
