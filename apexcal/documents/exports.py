@@ -1,15 +1,12 @@
-"""Exports: the table of formats, a URDF to patch, and the calibrations of all cameras of a vehicle."""
+"""Exports: the table of formats, and a URDF to patch."""
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Annotated
-from uuid import UUID
 
 from pydantic import Field
 
 from apexcal.documents.base import Received, Sent
-from apexcal.documents.summaries import CurrentCalibration
 
 # Header with the vehicle's id, in every answer for a whole vehicle and in each format.
 VEHICLE_HEADER = "Apexcal-Vehicle"
@@ -45,17 +42,3 @@ class UrdfRequest(Received):
     joint: Annotated[str, Field(max_length=200)]
     camera_link: Link | None = None
     lidar_link: Link | None = None
-
-
-class VehicleCalibration(Sent):
-    """The published calibrations of a vehicle, by camera; ``without`` names the cameras that have none.
-
-    ``as_of`` is null for now.
-    """
-
-    vehicle_id: UUID
-    vehicle: str
-    as_of: datetime | None
-    cameras: dict[str, CurrentCalibration]
-    without: list[str]
-    alias: str = "current"

@@ -21,7 +21,6 @@ MOUNT: Final = (*TURNS, "t_x", "t_y", "t_z")
 _LENS: Final = ("f_x", "f_y", "c_x", "c_y")
 # A chi-square of 1 to 6 degrees of freedom exceeds these once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
-_COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 
 def compared(result: Compared, other: Compared) -> ResultDifference | None:
@@ -119,9 +118,10 @@ def _parameter(name: str, apart: float, own: float | None, other: float | None) 
 
 def _distortion(lens: Intrinsics, other: Intrinsics) -> dict[str, float]:
     """Return differences by coefficient; none for two models, whose coefficients mean different things."""
+    if lens.model != other.model:
+        return {}
     own, their = lens.by_name(), other.by_name()
-    alike = lens.model == other.model
-    return {name: own[name] - their[name] for name in _COEFFICIENTS if alike and name in own and name in their}
+    return {name: own[name] - their[name] for name in own if name not in _LENS and name in their}
 
 
 def _shared_points(result: Compared, other: Compared) -> FieldDifference | None:

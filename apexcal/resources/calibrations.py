@@ -10,10 +10,9 @@ from apexcal.documents.base import Page
 from apexcal.documents.calibrations import CalibrationTemplate, CalibrationView, SlotView
 from apexcal.documents.comparisons import Drift, ResultComparison
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
-from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import CURRENT, PublicationView
+from apexcal.documents.published_calibrations import CurrentCalibration, VehicleCalibration
 from apexcal.documents.results import ResultView
-from apexcal.documents.summaries import CurrentCalibration
 from apexcal.transport import Resource, at, read
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from apexcal.documents.summaries import Quality
+from apexcal.documents.published_calibrations import Quality
 from apexcal.geometry.image_frames import T_images_camera, between, joint_of_images
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Result

@@ -10,8 +10,8 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import Response
 
 from apexcal.documents.base import Sought, Stored
-from apexcal.documents.exports import UrdfRequest, VehicleCalibration
-from apexcal.documents.summaries import CurrentCalibration
+from apexcal.documents.exports import UrdfRequest
+from apexcal.documents.published_calibrations import CurrentCalibration, VehicleCalibration
 from service.exports.answers import WantedFormat, exported
 from service.exports.routes import XML, patched_answer
 from service.platform.auth.access import ReadAccess

@@ -5,8 +5,8 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.published_calibrations import CurrentCalibration
 from apexcal.documents.results import ResultView
-from apexcal.documents.summaries import CurrentCalibration
 from service.platform.db.jobs import Job
 from service.platform.jobs.reaper import reap
 from tests.support.asking import ask_calibration, bring_pairs

@@ -6,13 +6,13 @@ from tests.support.side_by_side import LONG_S
 from workers.solver import correlation
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices import range_image
-from workers.vertices.board import planes, posterior, rays, surroundings
+from workers.vertices.board import outline, planes, posterior, rays, surroundings
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 KERNELS = (
-    surroundings.on_board_probability,
+    outline.on_board_probability,
     surroundings.angles_of_point,
     posterior.find_corner,
     planes.find_segments,

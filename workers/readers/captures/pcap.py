@@ -14,7 +14,14 @@ from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
 from workers.readers.captures.other_makers import instead, maker_of_datagram
 from workers.readers.captures.ouster.cutter import OusterSource
 from workers.readers.captures.ouster.metadata import read_metadata
-from workers.readers.captures.packets import FIELDS, SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
+from workers.readers.captures.packet_source import (
+    FIELDS,
+    SAMPLE_PACKETS,
+    Packet,
+    PacketSource,
+    PacketStream,
+    SweepCutter,
+)
 from workers.readers.captures.velodyne.cutter import VelodyneSource
 from workers.readers.omissions import Omissions
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep

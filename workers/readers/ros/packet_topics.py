@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from workers.readers.captures.ouster.cutter import OusterSource
 from workers.readers.captures.ouster.metadata import read_metadata
-from workers.readers.captures.packets import Packet, PacketSource
+from workers.readers.captures.packet_source import Packet, PacketSource
 from workers.readers.captures.velodyne.cutter import VelodyneSource
 from workers.readers.captures.velodyne.stream import evened
 from workers.readers.ros.containers import Container

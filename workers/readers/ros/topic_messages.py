@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.captures.packets import FIELDS
+from workers.readers.captures.packet_source import FIELDS
 from workers.readers.clouds.fields import Columns
 from workers.readers.clouds.pointcloud2 import PointCloud2
 from workers.readers.images.headers import read_image_header

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
 from apexcal.documents.recordings import FixedFrame
-from workers.readers.captures.packets import SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
+from workers.readers.captures.packet_source import SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
 from workers.readers.clouds.fields import Columns
 from workers.readers.clouds.model import SAMPLES, CloudModel, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns

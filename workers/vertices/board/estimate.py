@@ -24,8 +24,9 @@ from workers.vertices.board.board_estimate import (
 from workers.vertices.board.candidate import Mask, Plane, PlaneCandidate
 from workers.vertices.board.candidate_search import CONFIDENT, find_planes, open_windows
 from workers.vertices.board.model import BEAM_M, EDGE_M, ROLLS, BoardModel, Floats
+from workers.vertices.board.outline import on_board_probability
 from workers.vertices.board.posterior import find_corner
-from workers.vertices.board.surroundings import angles_of_point, on_board_probability
+from workers.vertices.board.surroundings import angles_of_point
 
 _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other mode is not followed further

@@ -14,7 +14,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from workers.vertices.board.outline import ALL, NOTHING, Floats, edge_profile
+
 _COARSE, _FINE, _COMPARED = 24, 36, 20  # cells along either side of the grid
 _ROLLS = 9
 _ROLL_STEP = math.radians(0.9)  # standard deviation of the prior for each roll of the first pass
@@ -22,34 +23,6 @@ _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 _ASTRAY_M = 0.12  # hits that do not belong to the board lie this far beside it at most
 # The natural logarithm of the largest number is 709: cells are scaled before they may differ so much from 1.
 _MOST_LOG = 300.0
-_NOTHING, _PART, _ALL = 0, 1, 2
-
-
-@nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def smoothstep(x: float) -> float:
-    """Return a smooth step: 0 at -1, 1 at 1."""
-    t = min(max(0.5 * x + 0.5, 0.0), 1.0)
-    return t * t * (3.0 - 2.0 * t)
-
-
-@nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
-def _edge_profile(
-    x: float, cell: float, blooming_m: float, softness: float, far: float, edge: float, on: Floats
-) -> int:
-    """Fill ``on`` (C,) with the probability that a ray lies between two edges, or return NOTHING or ALL if constant.
-
-    The ray lies ``x`` metres from the near edge in the first cell, and a cell less in each further one.
-    """
-    low, high = 1.0 / max(softness, 0.75 * cell), 1.0 / max(far, 0.75 * cell)
-    least = x - (on.size - 1) * cell
-    if (x + blooming_m) * low <= -1.0 or (edge + blooming_m - least) * high <= -1.0:
-        return _NOTHING
-    if (least + blooming_m) * low >= 1.0 and (edge + blooming_m - x) * high >= 1.0:
-        return _ALL
-    for a in range(on.size):
-        at = x - a * cell
-        on[a] = smoothstep((at + blooming_m) * low) * smoothstep((edge + blooming_m - at) * high)
-    return _PART
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
@@ -120,22 +93,22 @@ def integrate(
         for i in range(rays):
             p = left[i] * cosine - up[i] * sine - p0
             q = -left[i] * sine - up[i] * cosine - q0
-            kind_p = _edge_profile(p, cell_p, blooming_m[i], softness[i], far[i], edge_p, on_p)
+            kind_p = edge_profile(p, cell_p, blooming_m[i], softness[i], far[i], edge_p, on_p)
             kind_q = (
-                _edge_profile(q, cell_q, blooming_m[i], softness[i], far[i], edge_q, on_q)
-                if kind_p != _NOTHING
-                else _NOTHING
+                edge_profile(q, cell_q, blooming_m[i], softness[i], far[i], edge_q, on_q)
+                if kind_p != NOTHING
+                else NOTHING
             )
-            if kind_q == _NOTHING:
+            if kind_q == NOTHING:
                 continue
-            if kind_p == _ALL and kind_q == _ALL:
+            if kind_p == ALL and kind_q == ALL:
                 offset += log_ratio[i]
                 continue
             gain = ratio[i] - 1.0
-            if kind_p == _ALL:
+            if kind_p == ALL:
                 for b in range(cells):
                     column[b] *= 1.0 + gain * on_q[b]
-            elif kind_q == _ALL:
+            elif kind_q == ALL:
                 for a in range(cells):
                     row[a] *= 1.0 + gain * on_p[a]
             else:

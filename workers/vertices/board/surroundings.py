@@ -12,7 +12,6 @@ from workers.readers.recording import Sweep
 from workers.vertices.board.board_estimate import MOST_ON_BOARD, BoardEstimate
 from workers.vertices.board.candidate import PlaneCandidate
 from workers.vertices.board.model import BoardModel
-from workers.vertices.board.posterior import smoothstep
 
 Floats = NDArray[np.float64]
 
@@ -65,32 +64,6 @@ def angles_of_point(
         moved[1, k] = (flat * c - (x * a + y * b) * z / flat) / reach**2
         moved[2, k] = (x * a + y * b + z * c) / reach
     return xyz, moved[:, :2].copy(), variance, moved[:, 2].copy()
-
-
-@nb.njit(nogil=True, cache=True, error_model="numpy")
-def on_board_probability(
-    left: Floats, up: Floats, blooming_m: Floats, reach: Floats, softness: float, slack: float,
-    edge_p: float, edge_q: float, moments: Floats,
-) -> Floats:  # fmt: skip
-    """Return (N,) the probability that each ray lies on the board in the middle of its posterior.
-
-    Args:
-        left, up: (N,) metres, where the rays meet the plane; blooming_m: (N,) metres by which edges appear shifted
-            outward.
-        reach: (N,) metres; softness: radians, half width of the step at an edge.
-        slack: metres, half width of the interval in which the edges' lengths ``edge_p`` and ``edge_q`` (m) lie.
-        moments: as of `posterior.integrate`.
-    """
-    cosine, sine = math.cos(moments[3]), math.sin(moments[3])
-    on_board = np.empty(left.size)
-    for i in range(left.size):
-        x, y = left[i] - moments[1], up[i] - moments[2]
-        p, q = cosine * x - sine * y, -sine * x - cosine * y
-        near = reach[i] * softness
-        far = math.hypot(near, slack)
-        on_board[i] = smoothstep((p + blooming_m[i]) / near) * smoothstep((edge_p + blooming_m[i] - p) / far)
-        on_board[i] *= smoothstep((q + blooming_m[i]) / near) * smoothstep((edge_q + blooming_m[i] - q) / far)
-    return on_board
 
 
 _HEAD_BESIDE_M = 0.35

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.ouster.metadata import OusterSensor
 from workers.readers.captures.packet_clock import HOUR_US, PacketClock, learn_clock
-from workers.readers.captures.packets import Packet, PacketStream, SweepCutter, packet_facts
+from workers.readers.captures.packet_source import Packet, PacketStream, SweepCutter, packet_facts
 from workers.readers.recording import ReadError, Sweep, TimeSource
 
 _FRAMES: Final = 1 << 16
@@ -22,7 +22,7 @@ _STRANGE: Final = "packets hold columns that the sensor does not have and were l
 
 
 class OusterSource:
-    """One sensor, known by its metadata; see :class:`workers.readers.captures.packets.PacketSource`."""
+    """One sensor, known by its metadata; see :class:`workers.readers.captures.packet_source.PacketSource`."""
 
     maker = "Ouster"
 
@@ -60,7 +60,7 @@ class OusterSource:
 
 
 class OusterCutter(SweepCutter):
-    """The sweeps of one sensor, as :class:`workers.readers.captures.packets.SweepCutter` says."""
+    """The sweeps of one sensor, as :class:`workers.readers.captures.packet_source.SweepCutter` says."""
 
     def __init__(self, sensor: OusterSensor, clock: PacketClock, time_source: TimeSource, where: str) -> None:
         super().__init__(clock, time_source, where)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.captures.packets import Packet, PacketStream, SweepCutter, packet_facts
+from workers.readers.captures.packet_source import Packet, PacketStream, SweepCutter, packet_facts
 from workers.readers.captures.velodyne.models import BLOCKS, DUAL, PACKET, is_data_packet
 from workers.readers.captures.velodyne.stream import TURN, TurnFacts, learn_turns
 from workers.readers.recording import ReadError, Sweep, TimeSource
@@ -34,7 +34,7 @@ _UNFINISHED: Final = "times the sensor did not finish a turn in time; the sweep 
 
 
 class VelodyneCutter(SweepCutter):
-    """The sweeps of one sensor, as :class:`workers.readers.captures.packets.SweepCutter` says."""
+    """The sweeps of one sensor, as :class:`workers.readers.captures.packet_source.SweepCutter` says."""
 
     def __init__(self, stream: TurnFacts, time_source: TimeSource, where: str) -> None:
         super().__init__(stream.clock.clock(), time_source, where)
@@ -229,7 +229,7 @@ class VelodyneCutter(SweepCutter):
 
 
 class VelodyneSource:
-    """All of Velodyne's sensors; see :class:`workers.readers.captures.packets.PacketSource`."""
+    """All of Velodyne's sensors; see :class:`workers.readers.captures.packet_source.PacketSource`."""
 
     maker = "Velodyne"
 

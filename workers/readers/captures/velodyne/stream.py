@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.packet_clock import HOUR_US, ClockFacts, learn_clock
-from workers.readers.captures.packets import SAMPLE_PACKETS, Packet
+from workers.readers.captures.packet_source import SAMPLE_PACKETS, Packet
 from workers.readers.captures.velodyne.models import PACKET, Decoding, find_decoding
 from workers.readers.recording import ReadError
 
