@@ -67,14 +67,14 @@ def list_detections(recording_id: UUID, access: ReadAccess, window: Paging) -> P
 
 @router.get("/detections/{detection_id}")
 def read_detection(detection_id: UUID, access: ReadAccess) -> DetectionView:
-    """A detection: its state, and when it is done what it counted."""
+    """A detection: its state, and its counts once it is done."""
     detection = access.find(Detection, detection_id)
     return detection_views(access.session, [detection])[0]
 
 
 @router.patch("/detections/{detection_id}")
 def edit_detection(detection_id: UUID, body: DetectionEdit, access: WriteAccess) -> DetectionView:
-    """Say which corners of the board people are to mark. Marks that there are stay. [engineer]"""
+    """Say which corners of the board people are to mark. Existing marks stay. [engineer]"""
     detection = done_detection(access, detection_id, "engineer")
     ask_corners(access.session, detection, body.marked_corners)
     hint(access.session, detection.fleet_id, "detection", detection.id)
@@ -108,7 +108,7 @@ def list_vertices(
     camera: Camera = None,
     quality: Quality | None = None,
 ) -> Response:
-    """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
+    """A detection's vertices in the order of marking; with `camera` only those with a frame of that camera."""
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
     vertices = vertices_of(detection, sensor, quality).options(load_only(*SUMMARY))

@@ -14,7 +14,7 @@ from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_vali
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
-# Files named after variables, as container engines mount secrets; the environment goes before them.
+# Container engines mount each secret as a file with its variable's name. The environment has precedence.
 _SECRETS = Path("/run/secrets")
 _DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
 
@@ -23,8 +23,8 @@ _DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
 class S3Options:
     """Where the bucket is and how long to wait for it.
 
-    ``public_endpoint`` is the address at which clients reach what ``endpoint`` reaches from here; presigned addresses
-    carry it. Without keys, obstore looks for credentials itself: AWS_* variables, web identities, an instance's role.
+    ``public_endpoint`` is the same server's address for clients; presigned addresses carry it. Without keys, obstore
+    looks for credentials itself: AWS_* variables, web identities, an instance's role.
     """
 
     endpoint: str = ""
@@ -63,7 +63,7 @@ class Settings(BaseSettings):
     )
     """Address of the S3 server; empty: Amazon's for the region."""
     s3_public_endpoint: str = ""
-    """The same server as clients reach it; empty: s3_endpoint."""
+    """The same server's address for clients; empty: s3_endpoint."""
     s3_region: str = Field(
         default="us-east-1", validation_alias=AliasChoices("APEXCAL_S3_REGION", "AWS_REGION", "AWS_DEFAULT_REGION")
     )
@@ -101,7 +101,7 @@ class Settings(BaseSettings):
     max_lost_leases: int = 5
     """A job that loses this many leases fails."""
     max_stumbles: int = 30
-    """A job fails after its database, store or disk failed so often: about an hour."""
+    """A job fails after this many failures of its database, store or disk: about an hour."""
     task_limit_s: int = 1800
     """A task that runs longer is ended and its lease expires."""
     calibration_hours: float = Field(default=24.0, gt=0)
@@ -110,12 +110,12 @@ class Settings(BaseSettings):
     """Processor hours that one fleet request may be predicted to take."""
 
     fleet_quota_bytes: int = Field(default=200 * 10**9, ge=0)
-    """What a fleet's recordings may take where `apexcal admin quota` says nothing else: a hundred recordings of a
-    gigabyte, each as it came and as it is read."""
+    """Quota of a fleet, unless `apexcal admin quota` sets another: a hundred recordings of a gigabyte, each stored as
+    uploaded and as read."""
     upload_hours: float = Field(default=24.0, gt=0)
     """Time without a part after which an upload is removed."""
     fleet_ingests: int = Field(default=1, ge=1)
-    """Recordings of one fleet read at once; fewer than processes on `ingest` leave room to others."""
+    """Recordings of one fleet read at once. If this is below the number of `ingest` processes, others have room."""
     part_bytes: int = 16 * MIB
     """Size of an upload part that clients are told to use."""
     max_part_bytes: int = 64 * MIB
@@ -252,7 +252,7 @@ def get_settings() -> Settings:
 
 
 def settings_or_exit() -> Settings:
-    """The settings, where a process begins: what is wrong with them is its last line, and its exit code 2."""
+    """Return the settings, or end the process with exit code 2. Its last line then says what is wrong with them."""
     try:
         return get_settings()
     except SettingsError as error:

@@ -68,7 +68,7 @@ def fleet_health(
     counts = select(kind, *kinds, func.count(cameras.c.camera).label("cameras")).where(matches)
     by_kind = counts.group_by(kind, *kinds).cte("counts")
     key, is_turned = _key(cameras, order.removeprefix("-")), order.startswith("-")
-    # Rows of one key are in the order of names; the id tells vehicles apart whose long names sort alike.
+    # Rows with the same key are sorted by names. The id keeps vehicles apart whose sort names are equal.
     ties = (cameras.c.sort_name, cameras.c.vehicle_id, cameras.c.camera_name)
     rows = select(cameras, key.label("key")).where(matches)
     if states:
@@ -82,7 +82,7 @@ def fleet_health(
             rows = rows.where(or_(beyond, and_(key == edge, tuple_(*ties) > tuple_(*map(literal, tie)))))
         rows = rows.order_by(key.desc() if is_turned else key, *ties).limit(window.limit + 1)
     page = rows.cte("page")
-    # The page's rows come beside the first count, so that the others are there too where the page is empty.
+    # The page's rows are joined to the first count, so an empty page leaves all counts in the answer.
     first = select(func.min(by_kind.c.kind)).scalar_subquery()
     beside = by_kind.outerjoin(page, by_kind.c.kind == first)
     in_order = (page.c.key.desc() if is_turned else page.c.key, *(page.c[column.name] for column in ties))
@@ -132,7 +132,7 @@ def _parse(cursor: str, kind: type[Any]) -> tuple[Any, str, UUID, str]:
 
 
 def _shown(page: CTE) -> Sequence[ColumnElement[Any]]:
-    """The columns of a page with what only its rows need: the newest recording, and the calibration to look at."""
+    """Return a page's columns, with two that its rows alone need: newest recording and calibration to look at."""
     row = page.c
     newest_id, newest_state = _newest_calibration(page, Calibration.id), _newest_calibration(page, Calibration.state)
     return (
@@ -158,7 +158,7 @@ def _is_open(cameras: CTE) -> ColumnElement[bool]:
 def _work(mounts: CTE) -> ColumnElement[Any]:
     """Return what each camera waits for."""
     mount = mounts.c
-    # A calibration that ended since, and that its checks kept from being published.
+    # A calibration that ended after the publication, and that its checks kept from being published.
     of_run = (CalibrationRun.calibration_id == Calibration.id, CalibrationRun.camera == mount.camera)
     is_withheld = exists().where(
         *(Calibration.vehicle_id == mount.vehicle_id, Calibration.state == state_literal(WorkState.DONE)),
@@ -229,9 +229,9 @@ def _cameras(fleet_id: UUID) -> CTE:
 
 
 def _judged(mounts: CTE) -> CTE:
-    """The mounts with what their cameras are given; ``age`` is 1 of the mount that counts now for a camera.
+    """Return the mounts with their cameras' publications. ``age`` is 1 for the mount that counts now for a camera.
 
-    ``is_swapped_since`` is 1 if a sensor of the mount that the published result was calibrated on was swapped.
+    ``is_swapped_since`` is 1 if the published result is of a mount with a sensor that was swapped.
     """
     of_camera = (mounts.c.vehicle_id, mounts.c.camera)
     newest_first = (mounts.c.rig_age, mounts.c.rig_created_at.desc(), mounts.c.rig_id.desc())
@@ -292,5 +292,5 @@ def _mounts(fleet_id: UUID) -> CTE:
         .where(Vehicle.fleet_id == fleet_id)
         .cte("mounts")
     )
-    # Else PostgreSQL looks each publication up twice: as what it joins by, and again for the rows joined.
+    # Without this PostgreSQL looks each publication up twice: for the join, and again for the joined rows.
     return rows.prefix_with("MATERIALIZED", dialect="postgresql")

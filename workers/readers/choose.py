@@ -27,8 +27,8 @@ def choose_sensors(
     Args:
         recording: an opened recording.
         lidar: topic or folder of the LiDAR; None: the only one, or the one that is clearly its driver's.
-        cameras: the rig's camera names, each with its topic or None, or names only; None: every camera topic, named
-            after it.
+        cameras: topics by the rig's camera names, None for a topic to guess; or names alone, to guess all topics.
+            None: every camera topic is a camera with the topic's name.
         sizes: (width, height) of the cameras' images where the rig says it.
 
     Raises:
@@ -81,7 +81,7 @@ def _wanted(cameras: Mapping[str, str | None] | Sequence[str]) -> dict[str, str 
 
 
 def _named_after(topics: Sequence[Sensor]) -> dict[str, str | None]:
-    """A name for each camera topic; equal ones are counted."""
+    """Return a name for each camera topic. A number tells equal names apart."""
     named: dict[str, str | None] = {}
     for topic in primary(topics):
         name, number = short_name(topic.name), 2
@@ -145,7 +145,7 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
 
 
 def _best_clouds(clouds: Sequence[Sensor]) -> list[Sensor]:
-    """Return topics that come straight from a driver: with rings, then by name, then, for one sensor, with times."""
+    """Return the topics that a driver publishes. Rings count first, then names, and of one sensor's topics times."""
     ringed = [s for s in clouds if "ring" in meanings(_fields(s))] or list(clouds)
     primary_topics = primary(ringed)
     if len({(s.frame_id, s.count) for s in primary_topics}) == 1 and primary_topics[0].frame_id:

@@ -17,9 +17,9 @@ from service.platform.http.problems import Problem, not_found
 def make_link(
     session: Session, person_id: UUID, public_url: str, hours: int, maker: UUID | None = None
 ) -> tuple[str, datetime]:
-    """A fresh one-time sign-in link of a person and its end. The secret is in the fragment: no log sees it.
+    """Make a one-time sign-in link; return it and its expiry. The secret is in the fragment: no log sees it.
 
-    ``maker`` is the id of the token that asked for it: with that one the link ends, and the session that comes of it.
+    ``maker`` is the id of the token that asked for the link. The link and its session end with that token.
     """
     hold(session, person_id)
     secret = new_secret()

@@ -12,10 +12,10 @@ from workers.vertices.board.model import Floats
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 # A return contradicts an unrelated board one time in two.
 _BY_CHANCE = 0.5
-# On few rings a board has too few returns to show its own share of contradictions: the limit lies half way.
+# On few rings a board has too few returns to show its own share of contradictions. The limit is half of `_BY_CHANCE`.
 _CONTRADICTED = 0.25
 # Doors and cars have upright edges, and up is known to 4 degrees. A board of 1 : 1.6 hangs at 32 degrees and is
-# rolled by up to 20, so its edges are 12 degrees from upright. This is half way.
+# rolled by up to 20, so its edges are at least 12 degrees from upright. The limit lies half way from 4 to 12.
 _UPRIGHT = math.radians(8.0)
 MOST_ON_BOARD = 0.5
 _TRUSTED_RAD = math.radians(0.3)
@@ -52,9 +52,9 @@ class HoldEstimate:
         roll, roll_sigma: radians from the rest angle, and its standard deviation.
         fall: radians by which the edge to the lower left falls.
         modes: of the posterior, without errors that all sweeps share.
-        roll_log_likelihood: (2, G) of the rays at each of `ROLLS`, for the first edge to the lower left and for the
-            second there. Minus infinity far from the likeliest rolls, and in a mode that is much less likely than
-            the other.
+        roll_log_likelihood: (2, G) log likelihood of the rays at each of `ROLLS`. The edge to the lower left is the
+            board's first one in row 0 and the second one in row 1. Values are minus infinity far from the likeliest
+            rolls, and in a mode that is much less likely than the other.
     """
 
     roll: float
@@ -106,13 +106,13 @@ class BoardEstimate:
     """The board that a plane's rays imply.
 
     Attributes:
-        plane: that it lies in.
+        plane: the board's plane.
         xyz: (3,) metres, LiDAR frame: its apex.
         covariance: (3, 3) of azimuth, elevation (rad) and range (m) of the apex.
         sigma: radians, standard deviation, azimuth and elevation together, from the sweep's own rays: without errors
             that all sweeps share.
         hold: roll and posterior.
-        agreement: of the rays with it.
+        agreement: how well the rays agree with the board.
         upper_corner: see `BoardModel.upper_corner`.
     """
 
@@ -126,12 +126,12 @@ class BoardEstimate:
 
     @property
     def is_consistent(self) -> bool:
-        """Return whether the returns agree with a board rather than with none, in a way that somebody may hold it.
+        """Return whether the returns agree with a board that somebody may hold like this.
 
-        On few rings the rays must also be nearly as likely as noise alone makes them. On more rings even a real
-        board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
-        Contradictions must be as rare as on this recording's boards, not as frequent as by chance. On any number of
-        rings most returns must lie on the board, not in the rim that a beam's width adds to it.
+        On few rings the rays must also be nearly as likely as noise alone makes them. On more rings a real board's
+        rays are less likely than that, because boards bend and hands hold them. There the number of contradictions
+        decides: this recording's boards must explain it better than chance does. On any number of rings most
+        returns must lie on the board, not in the rim that a beam's width adds to it.
         """
         agreement, extent = self.agreement, self.plane.extent
         if not self.has_usual_hold or agreement.on_board_share < MOST_ON_BOARD:
