@@ -21,7 +21,7 @@ from workers.marks.sights import Floats, FrameSource, Image
 Contour = NDArray[np.int32]
 _SMALLEST_GRIDS: Final = ((6, 5), (4, 3))
 """Inner corners from which OpenCV grows a chessboard. The larger first: it then finds more of the pattern."""
-_PROBES: Final = 8  # frames: without a chessboard in them there is none in the recording
+_PROBES: Final = 8  # frames: if too few of them have a chessboard, the recording has none
 _LEAST_ALIKE: Final = 0.25  # of the frames have a chessboard of one size; mere noise has one in a tenth
 _MARGINS: Final = (1.0, 1.5, 2.0)
 """Squares from the outermost inner corner to the board's edge: none, half a square or one beside the pattern."""
@@ -47,13 +47,15 @@ _AWAY: Final[tuple[tuple[CornerName, Floats], ...]] = (
 def find_chessboard_seeds(
     frames: FrameSource, chosen: Sequence[int], upper_corner: int = 0
 ) -> list[list[FrameSeeds]]:
-    """Seeds of the chosen frames by the chessboard in each: a list for each width of the margin.
+    """Seeds of the chosen frames by the chessboard in each: a list for each width of the margin, none without one.
 
     Args:
         upper_corner: which corner ``top`` is (`workers.marks.seeds.find_seeds`).
     """
     images = [_small(frames[index]) for index in chosen]
     grids = _chessboards([small.image for small in images])
+    if not grids:
+        return []
     of_margins = ([[] if grid is None else [_outline(grid, margin)] for grid in grids] for margin in _MARGINS)
     return [_seeds(chosen, images, outlines, upper_corner) for outlines in of_margins]
 
@@ -100,18 +102,19 @@ def _seeds(
 
 
 def _chessboards(images: Sequence[NDArray[np.uint8]]) -> list[Floats | None]:
-    """The inner corners (rows, columns, 2) px of the chessboard in each image, of about one size in all of them."""
+    """The inner corners (rows, columns, 2) px of the chessboard in each image, of about one size in all of them.
+
+    Empty where too few images have one.
+    """
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
     largest: list[Floats | None] = []
     for image in images:
         largest.append(_largest_grid(image, flags | cv2.CALIB_CB_LARGER))
-        if len(largest) == _PROBES and not any(grid is not None for grid in largest):
-            return [None for _ in images]
-    sizes = Counter(_size(grid) for grid in largest if grid is not None)
-    # Sometimes only a part of the pattern is found: such sizes are smaller, and each is rare.
-    size = max(sizes, key=lambda size: sizes[size] * size[0] * size[1], default=(0, 0))
-    if sizes[size] < max(_LEAST_ALIKE * len(images), 1):
-        return [None for _ in images]
+        if len(largest) == _PROBES and _common_size(largest) is None:
+            break
+    size = _common_size(largest)
+    if size is None:
+        return []
     grids: list[Floats | None] = []
     for image, grid in zip(images, largest, strict=True):
         if grid is None or _size(grid) != size:
@@ -121,6 +124,13 @@ def _chessboards(images: Sequence[NDArray[np.uint8]]) -> list[Floats | None]:
         is_alike = grid is not None and max(abs(a - b) for a, b in zip(_size(grid), size, strict=True)) <= 1
         grids.append(grid if is_alike else None)
     return grids
+
+
+def _common_size(grids: Sequence[Floats | None]) -> tuple[int, int] | None:
+    """The size of the pattern; sometimes only a part of it is found: such sizes are smaller, and each is rare."""
+    sizes = Counter(_size(grid) for grid in grids if grid is not None)
+    size = max(sizes, key=lambda size: sizes[size] * size[0] * size[1], default=(0, 0))
+    return size if sizes[size] >= max(_LEAST_ALIKE * len(grids), 1) else None
 
 
 def _size(grid: Floats) -> tuple[int, int]:

@@ -125,9 +125,10 @@ def propose(
     marks = _from_seeds(task, chosen, [find_seeds(frames, chosen, upper_corner)])
     if marks.failure is not None and background:
         marks = _first_found(marks, _from_seeds(task, every, [find_seeds(frames, every, upper_corner)]))
-    for find in (find_chessboard_seeds, find_outline_seeds):
-        if marks.failure is not None:
-            marks = _first_found(marks, _from_seeds(task, chosen, find(frames, chosen, upper_corner)))
+    # Without a lens a search that fails takes a minute, and these seeds fail in every recording without a board.
+    for find in (find_chessboard_seeds, find_outline_seeds) if lens is not None else ():
+        if marks.failure is not None and (alternatives := find(frames, chosen, upper_corner)):
+            marks = _first_found(marks, _from_seeds(task, chosen, alternatives))
     return marks
 
 
