@@ -72,7 +72,7 @@ def measure_corner(
 
     Args:
         edges: the projections of both edges from the corner on.
-        first_half_width: one of `HALF_WIDTHS_PX`: those above are skipped. A corner may lie twice as far off.
+        first_half_width: one of `HALF_WIDTHS_PX`: those above are skipped. The corner may move twice as far.
         softness: standard deviation of the frame's blur, px, as far as it is known.
     """
     pair: list[TracedEdge] = []

@@ -17,11 +17,11 @@ from apexcal.documents.corners import TOP, CornerName, nearest
 from service.platform.db.base import Json, new_id
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from workers.vertices.corners import Floats, move_corners
-from workers.vertices.vertex import Vertex as Found
+from workers.vertices.vertex import Vertex as DetectedVertex
 
 _DIGITS = 9  # nothing is known better
 # An apex's id and place.
-_Known = tuple[UUID, Sequence[float]]
+_ApexPlace = tuple[UUID, Sequence[float]]
 Places = Mapping[CornerName, Json]
 """Columns of each corner that is known, the tip first: x, y, z, covariance."""
 
@@ -41,7 +41,7 @@ class Pair:
 Pairs = Mapping[UUID, Sequence[Pair | None]]
 
 
-def moved_places(vertex: Found, xyz: Floats, covariance: Floats) -> Places:
+def moved_places(vertex: DetectedVertex, xyz: Floats, covariance: Floats) -> Places:
     """Return where the corners are if their vertex was moved to ``xyz`` (3,), covariance (3, 3)."""
     moved = move_corners(vertex, xyz, covariance)
     places: dict[CornerName, Json] = {TOP: _place(xyz, covariance.tolist())}
@@ -49,9 +49,9 @@ def moved_places(vertex: Found, xyz: Floats, covariance: Floats) -> Places:
     return places
 
 
-def write_vertices(session: Session, run: Detection, vertices: Sequence[Found], pairs: Pairs) -> None:
+def write_vertices(session: Session, run: Detection, vertices: Sequence[DetectedVertex], pairs: Pairs) -> None:
     """Write all corners of these vertices. ``pairs``: each vertex's frame, by camera."""
-    apexes = _known_apexes(session, run.lidar_id, [vertex.sweep_index for vertex in vertices])
+    apexes = _nearby_apexes(session, run.lidar_id, [vertex.sweep_index for vertex in vertices])
     rows: dict[type[Any], list[Json]] = {Apex: [], Vertex: [], VertexFrame: []}
     for number, vertex in enumerate(vertices):
         of_sweep = {"lidar_id": run.lidar_id, "sweep_index": vertex.sweep_index}
@@ -71,7 +71,7 @@ def write_vertices(session: Session, run: Detection, vertices: Sequence[Found], 
             session.execute(insert(row.__table__), values)
 
 
-def _places(vertex: Found) -> Places:
+def _places(vertex: DetectedVertex) -> Places:
     places: dict[CornerName, Json] = {TOP: _place(vertex.xyz, vertex.covariance)}
     if vertex.corners is not None:
         joint = np.array(vertex.corners.covariance)
@@ -89,7 +89,7 @@ def _short(matrix: Floats) -> list[list[float]]:
     return [[float(f"{value:.{_DIGITS}g}") for value in line] for line in matrix.tolist()]
 
 
-def _measured(run: Detection, vertex: Found, corner: CornerName) -> Json:
+def _measured(run: Detection, vertex: DetectedVertex, corner: CornerName) -> Json:
     lower = None
     if corner == TOP and vertex.corners is not None:
         lower = [line[: row + 1] for row, line in enumerate(_short(np.array(vertex.corners.covariance)))]
@@ -111,8 +111,8 @@ def _frame(vertex_id: UUID, sensor_id: UUID, pair: Pair, corner: CornerName) -> 
     return {"vertex_id": vertex_id, "sensor_id": sensor_id, **paired, **location}
 
 
-def _known_apexes(session: Session, lidar_id: UUID, sweeps: list[int]) -> dict[tuple[int, str], list[_Known]]:
-    apexes: dict[tuple[int, str], list[_Known]] = defaultdict(list)
+def _nearby_apexes(session: Session, lidar_id: UUID, sweeps: list[int]) -> dict[tuple[int, str], list[_ApexPlace]]:
+    apexes: dict[tuple[int, str], list[_ApexPlace]] = defaultdict(list)
     if sweeps:
         statement = select(Apex.sweep_index, Apex.corner, Apex.id, Apex.x, Apex.y, Apex.z).where(
             Apex.lidar_id == lidar_id, Apex.sweep_index.between(min(sweeps), max(sweeps))
