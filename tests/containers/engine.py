@@ -1,7 +1,8 @@
 """A Docker engine and Docker Compose: those of the machine, or, as root on Debian, an engine of our own.
 
 Our own engine runs in a mount namespace with a single hierarchy of cgroups and sets up no firewall, so it isolates
-networks less than a usual one. It reaches no registry of images; `local_images` makes what stands in for them.
+networks less than a usual one. It runs in a process namespace too, so nothing of it outlives its end, whatever hangs
+in it. It reaches no registry of images; `local_images` makes what stands in for them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ mount --make-rprivate /
 umount /sys/fs/cgroup/unified 2>/dev/null
 if [ "$(awk '/^MemAvailable/ {print $2}' /proc/meminfo)" -gt 12000000 ]; then mount -t tmpfs -o size=9g tmpfs "$1"; fi
 shift
-exec "$@"
+# This shell is the first process of its namespace and collects those that others leave behind.
+"$@"
+exit $?
 """
 
 
@@ -105,6 +108,7 @@ def _own_engine(folder: Path) -> Iterator[dict[str, str]]:
         *("--data-root", str(data), "--exec-root", str(run / "exec"), "--pidfile", str(run / "pid")),
         *("--host", f"unix://{run}/docker.sock"),
     ]
+    namespaces = ["unshare", "--mount", "--pid", "--mount-proc", "--fork", "--kill-child"]
     environment = {**os.environ, "DOCKER_HOST": f"unix://{run}/docker.sock", "DOCKER_CONFIG": str(_client(folder))}
     # The classic builder: Debian has no buildx.
     environment["DOCKER_BUILDKIT"] = "0"
@@ -112,7 +116,7 @@ def _own_engine(folder: Path) -> Iterator[dict[str, str]]:
     environment["COMPOSE_PARALLEL_LIMIT"] = "1"
     with (folder / "dockerd.log").open("w") as log:
         child = subprocess.Popen(
-            ["unshare", "--mount", "sh", "-c", _IN_NAMESPACE, "sh", str(data), *command],
+            [*namespaces, "sh", "-c", _IN_NAMESPACE, "sh", str(data), *command],
             stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
@@ -121,7 +125,8 @@ def _own_engine(folder: Path) -> Iterator[dict[str, str]]:
         _wait_until_ready(child, environment, folder / "dockerd.log")
         yield environment
     finally:
-        child.terminate()
+        # With the first process of their namespace the kernel ends all others.
+        child.kill()
         child.wait(_STOP_S)
         shutil.rmtree(run, ignore_errors=True)
 

@@ -24,6 +24,7 @@ from playwright.sync_api import expect, sync_playwright
 
 from apexcal.client import Client
 from apexcal.documents.calibrations import CalibrationView
+from apexcal.processes import kill_session
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
 from benchmarks.demo.annotators import mark_everything
@@ -47,7 +48,8 @@ WORKERS = ("worker-ingest", "worker-detect", "worker-solve", "worker-report")
 RUNNING = ("api", "api-2", "sweeper", *WORKERS, "proxy", "postgres", "valkey", "store", "s3")
 T = TypeVar("T")
 
-pytestmark = pytest.mark.timeout(5000)
+# A command has PATIENCE_S; the first test builds all images too.
+pytestmark = pytest.mark.timeout(3 * PATIENCE_S)
 
 
 class Published(NamedTuple):
@@ -68,9 +70,7 @@ class Compose:
 
     def run(self, command: str) -> str:
         """What a command of the manual prints, as it is written there."""
-        done = subprocess.run(
-            command, shell=True, cwd=self.folder, env=self.environment, capture_output=True, text=True
-        )
+        done = self._outcome(command)
         with LOG.open("a") as log:
             log.write(f"$ {command}\n{done.stdout}{done.stderr}\n")
         said = "\n".join((done.stdout + done.stderr).splitlines()[-30:])
@@ -79,9 +79,7 @@ class Compose:
 
     def fails(self, command: str) -> str:
         """What a command says that must fail."""
-        done = subprocess.run(
-            command, shell=True, cwd=self.folder, env=self.environment, capture_output=True, text=True
-        )
+        done = self._outcome(command)
         assert done.returncode != 0, f"{command} did not fail: {done.stdout}"
         return done.stdout + done.stderr
 
@@ -113,9 +111,26 @@ class Compose:
         os.environ["SSL_CERT_FILE"] = str(certificate)
 
     def _ask(self, command: str) -> str:
-        return subprocess.run(
-            command, shell=True, cwd=self.folder, env=self.environment, capture_output=True, text=True
-        ).stdout
+        return self._outcome(command).stdout
+
+    def _outcome(self, command: str) -> subprocess.CompletedProcess[str]:
+        """The ended command. One that hangs is killed with all that it started, and fails the test."""
+        child = subprocess.Popen(
+            command,
+            shell=True,
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            stdout, stderr = child.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            kill_session(child.pid)
+            raise AssertionError(f"{command} did not end within {PATIENCE_S} s: {child.communicate()}") from None
+        return subprocess.CompletedProcess(command, child.returncode, stdout, stderr)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +170,8 @@ def _in_copy(running: Engine) -> Iterator[Compose]:
     try:
         yield compose
     finally:
-        compose.run("docker compose --profile backup down --volumes --remove-orphans --timeout 20")
+        if not running.is_ours:  # all of ours ends with it
+            compose.run("docker compose --profile backup down --volumes --remove-orphans --timeout 20")
 
 
 def wait_until(is_so: Callable[[], bool], what: str, compose: Compose) -> None:

@@ -107,6 +107,7 @@ def suggest(
     level = grid.R_level_lidar
     scene = ObservedScene(len(chosen))
     boards: list[bool] = []
+    moved: list[Mask] = []
     stamps_ns: list[int] = []
     for done, index in enumerate(chosen, start=1):
         sweep = source.sweep(index)
@@ -117,6 +118,8 @@ def suggest(
         things = _bearer(moving, level @ apex) if apex is not None else things_of(moving)
         scene.add(things, xyz, compared.still, compared.moved)
         boards.append(apex is not None)
+        if poses is not None:
+            moved.append(compared.moved)
         stamps_ns.append(sweep.stamp_ns)
         report(done)
     if len(chosen) > 1 and (scene.still < _STILL_SHARE or scene.around > _AROUND):
@@ -124,7 +127,7 @@ def suggest(
             f"{scene.still:.0%} of the points stand still, something moves in {scene.around:.0%} of the directions"
         )
     if poses is not None:
-        return in_level_axes(_around_poses(source, poses, chosen, scene, boards, level, report), level)
+        return in_level_axes(_around_poses(source, poses, chosen, scene, boards, moved, level, report), level)
     things = _walker(scene.things, stamps_ns)
     if not any(things):
         raise InputError(
@@ -182,6 +185,7 @@ def _around_poses(
     chosen: Sequence[int],
     scene: ObservedScene,
     boards: Sequence[bool],
+    moved: Sequence[Mask],
     level: Floats,
     report: Callable[[], None],
 ) -> Suggestion:
@@ -225,7 +229,7 @@ def _around_poses(
     places = [some[0].middle if board else None for some, board in zip(scene.things, boards, strict=True)]
     pairs = zip(pairwise(chosen), pairwise(places), strict=True)
     count = 1 + sum(first[a] != first[b] and not _stand_together(*of_boards) for (a, b), of_boards in pairs)
-    outside = [] if poses.single else _boards_outside(source, chosen, poses, region, report)
+    outside = [] if poses.single else _boards_outside(source, chosen, moved, poses.grid, region, report)
     if outside:
         sentence = "something outside of the region looks like the board: widen it there if it is."
         suggestion.facts["notes"].append(f"In the sweeps {_listed(outside)} {sentence}")
@@ -237,15 +241,20 @@ def _listed(numbers: Sequence[int]) -> str:
 
 
 def _boards_outside(
-    source: SweepSource, chosen: Sequence[int], poses: StillPoses, region: Region, report: Callable[[], None]
+    source: SweepSource,
+    chosen: Sequence[int],
+    moved: Sequence[Mask],
+    grid: SensorGrid,
+    region: Region,
+    report: Callable[[], None],
 ) -> list[int]:
-    """Return the sweeps with a clear board outside of the region and none in it."""
+    """Return the sweeps ``chosen`` whose ``moved`` points show a clear board outside of the region, none inside."""
     outside: list[int] = []
-    for index in chosen:
+    for index, points in zip(chosen, moved, strict=True):
         report()
         sweep = source.sweep(index)
-        moved, inside = poses.background.compare(sweep).moved, region.mask(sweep.xyz)
-        beside, within = (_boards(sweep, some, poses.grid, sure=True) for some in (moved & ~inside, moved & inside))
+        inside = region.mask(sweep.xyz)
+        beside, within = (_boards(sweep, some, grid, sure=True) for some in (points & ~inside, points & inside))
         if beside and not within:
             outside.append(index)
     return outside
