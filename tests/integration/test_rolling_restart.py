@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from uuid import UUID
 
 import httpx
 import pytest
@@ -169,9 +170,11 @@ def test_all_processes_are_replaced_and_no_request_fails(
     with database.reading() as session:
         kept = set(session.scalars(select(Vehicle.name)))
         assert {name for hammer in hammers for name in hammer.made} <= kept
-        assert session.scalar(select(func.max(Job.lost))) == 0
-        assert set(session.scalars(select(Job.state))) == {"done"}
-        assert set(session.scalars(select(JobEvent.what))) <= {"done", "given_back"}
+        of_fleet = Job.fleet_id == UUID(fleet_id)
+        assert session.scalar(select(func.max(Job.lost)).where(of_fleet)) == 0
+        assert set(session.scalars(select(Job.state).where(of_fleet))) == {"done"}
+        events = select(JobEvent.what).join(Job, Job.id == JobEvent.job_id).where(of_fleet)
+        assert set(session.scalars(events)) <= {"done", "given_back"}
 
 
 def test_one_id_leads_from_the_request_to_its_rows_and_its_workers_lines(
