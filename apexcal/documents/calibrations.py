@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field
 from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import DEFAULT_MODELS, SearchForm
+from apexcal.documents.common_errors import CommonErrors
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
 from apexcal.documents.schedules import (
@@ -27,9 +28,6 @@ from apexcal.documents.summaries import Summary
 
 # What a browser's numbers hold exactly.
 _LARGEST_SEED = 2**53 - 1
-# Standard deviations.
-_Turn = Annotated[float, Field(ge=0, le=10)] | None
-_Size = Annotated[float, Field(ge=0, le=1000)] | None
 
 
 class Prior(Received):
@@ -53,34 +51,6 @@ class CameraLens(GivenLens):
     """The lens of a recording's camera. ``source`` says where it is from, such as a file's name."""
 
     source: Name | None = None
-
-
-class CommonErrors(Received):
-    """Standard deviations of errors that all pairs of a camera share, which no pair can tell from the mount."""
-
-    azimuth_deg: _Turn = Field(default=None, description="of all vertices, as the LiDAR sees them, degrees")
-    elevation_deg: _Turn = Field(default=None, description="of all vertices, as the LiDAR sees them, degrees")
-    tip_across_mm: _Size = Field(
-        default=None, description="millimetres, of the board's edges: all tips lie to one side"
-    )
-    tip_up_mm: _Size = Field(
-        default=None, description="millimetres, of the board's edges and its worn tip: all lie too high"
-    )
-    range_mm: _Size = Field(default=None, description="of the LiDAR's range, millimetres")
-    tilt_up_deg: _Turn = Field(default=None, description="of the boards of all poses about a level axis, degrees")
-    tilt_across_deg: _Turn = Field(
-        default=None, description="of the boards of all poses about an upright axis, degrees"
-    )
-    corners_out_mm: _Size = Field(
-        default=None, description="of all of a pose's corners, away from its middle, millimetres"
-    )
-    mark_u_px: _Size = Field(default=None, description="of all marks, to the right, pixels")
-    mark_v_px: _Size = Field(default=None, description="of all marks, down, pixels")
-    clock_ms: _Size = Field(default=None, description="of the offset between the clocks, milliseconds")
-    line_time_us: _Size = Field(default=None, description="of the stated line_time_us, microseconds")
-    person_px: _Size = Field(
-        default=None, description="of one person's marks, each axis, pixels; several people's pairs correct it"
-    )
 
 
 class ScheduleOverrides(Received):

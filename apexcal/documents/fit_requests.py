@@ -22,8 +22,9 @@ from apexcal.documents.camera_models import (
     parse_model,
     parse_search_form,
 )
+from apexcal.documents.common_errors import CommonError
 from apexcal.documents.errors import DocumentError
-from apexcal.documents.rules import CommonError, Loss, OutlierRule, Weights
+from apexcal.documents.rules import Loss, OutlierRule, Weights
 from apexcal.documents.schedules import Schedule, parse_preset, schedule_of
 from apexcal.documents.transforms import Transform
 

@@ -14,21 +14,3 @@ LensUse = Literal["auto", "free", "bounds", "prior", "locked"]
 # Where a result's lens comes from.
 LensOrigin = Literal["fitted", "stated", "stated, refined"]
 Farm = Literal["auto", "slots", "runs"]
-CommonError = Literal[
-    "azimuth_deg",
-    "elevation_deg",
-    "tip_across_mm",
-    "tip_up_mm",
-    "range_mm",
-    "tilt_up_deg",
-    "tilt_across_deg",
-    "corners_out_mm",
-    "mark_u_px",
-    "mark_v_px",
-    "clock_ms",
-    "line_time_us",
-    "person_px",
-]
-"""Errors that all pairs share: of the vertices' direction, of the tip in the board's plane, of the range, of how
-boards stand and how far out their corners are (where a pose has several), of the marks, of the offset between the
-clocks, of the camera's line time; and those that all marks of one person share."""

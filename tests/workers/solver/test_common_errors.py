@@ -1,14 +1,16 @@
 """The biases of people who mark: how large, and what they add to the deviations, computed again with NumPy."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy import integrate
 
+from apexcal.documents.common_errors import CommonError, CommonErrors
 from tests.workers.solver.rigs import simulated
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
-from workers.solver.common_errors import shares_of
+from workers.solver.common_errors import common_errors, shares_of
 
 STATED = {"person_px": 0.289}
 
@@ -98,3 +100,11 @@ def test_corners_that_are_out_in_all_poses_are_no_error_of_single_poses():
     offsets = [document["shared_errors"]["deviations"]["offset_m"] for document in (plain, shared)]
     assert offsets[1] < offsets[0] or offsets == [0.0, 0.0]
     assert shared["shared_errors"]["noise_px"] < 0.8 * plain["shared_errors"]["noise_px"]
+
+
+def test_the_fit_counts_every_common_error_that_a_request_may_state():
+    names = {*get_args(CommonError)}
+    assert names == {*CommonErrors.model_fields}
+    problem, truth = walked(31)
+    moving = replace(problem, velocities=np.ones_like(problem.points), common_errors=dict.fromkeys(names, 1.0))
+    assert {*common_errors(moving, truth)[1]} == names - {"person_px"}
