@@ -77,12 +77,12 @@ USE_LIMIT_RAD: Final = 1.5e-3
 """A projected point may be off by the larger of both: two pixels are what a detection in the image is good to, and
 1.5 mrad are 3 cm at 20 m, the width of a LiDAR's beam there."""
 USE_LIMIT_M: Final = 0.0146
-"""Near the sensor it may be off by as much as a beam is wide at 5 m, which leaves it 9.5 mm wide (data sheets of OS1
-and VLP-16). No board tells more: its edges are known to 3.5 mm, its tip less well."""
+"""Near the sensor it may be off by the width of a beam at 5 m. The beam leaves the sensor 9.5 mm wide (data sheets of
+OS1 and VLP-16). No board tells more: its edges are known to 3.5 mm, its tip less well."""
 ALONE_LIMIT_DEG: Final = 0.4
 ALONE_LIMIT_MM: Final = 40.0
-"""95 % half-widths that a mount may have if it is used with another lens: at 5 m 0.4 degrees are 35 mm, as much as
-the offset."""
+"""95 % half-widths that a mount may have if it is used with another lens. At 5 m a turn of 0.4 degrees moves a point
+by 35 mm, about as far as the shift does."""
 # Made by the workers, and looked up by the policy.
 MARKS_CONFIRMED: Final = CheckTopic("marks_confirmed", "Marks seen by people")
 
@@ -90,6 +90,11 @@ MARKS_CONFIRMED: Final = CheckTopic("marks_confirmed", "Marks seen by people")
 def figure(value: float, digits: int = 2) -> str:
     """Return a number for a sentence, with so many significant digits and no exponent: 0.0012, 54, 110."""
     return format(Decimal(f"{value:.{digits}g}"), "f")
+
+
+def alone_over_limits(half_width_deg: float, half_width_mm: float) -> tuple[float, float]:
+    """Return the half-widths of a mount's turn and shift over those that it may have with another lens."""
+    return half_width_deg / ALONE_LIMIT_DEG, half_width_mm / ALONE_LIMIT_MM
 
 
 def later_checks(checks: Sequence[Check], later: Sequence[Check]) -> list[Check]:

@@ -18,6 +18,7 @@ from apexcal.documents.checks import (
     USE_LIMIT_RAD,
     Check,
     CheckTopic,
+    alone_over_limits,
     figure,
 )
 from apexcal.documents.results import FitResult
@@ -32,7 +33,7 @@ Floats = NDArray[np.float64]
 _student_quantile: Callable[[Floats, float], Floats] = special.stdtrit
 _USE: Final = CheckTopic("precision", "Precision where it is used")
 _ALONE: Final = CheckTopic("mount_alone", "Mount without its lens", "mount_alone")
-# Not stated at all, or by so much more than the limit, is of no use.
+# A half-width of so many times the limit is of no use.
 _USELESS: Final = 3.0
 _MOST_FREEDOM: Final = 1e9  # Student's t is the normal distribution's long before
 
@@ -66,10 +67,10 @@ def precision(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequenc
 def stated_over_limit(estimate: Estimate, result: FitResult) -> tuple[float, Floats]:
     """The 95 % half-widths of points of use over what use allows, and each of them (distances, R), px.
 
-    Halves that differ by more than is stated say by how much more. The estimate states errors.
+    If halves of the pairs differ by more than is stated, the half-widths grow as much. ``estimate.errors`` is there.
     """
     px, mm, freedoms = worst_axis(estimate)
-    # Each point by the freedom of its own variance: most of it may be stated, and known.
+    # Each point has the degrees of freedom of its own variance, of which most may be stated.
     factor = np.asarray(_student_quantile(np.clip(freedoms, 1.0, _MOST_FREEDOM), 0.975), np.float64)
     factor = factor * (result.prediction.expected_over_stated if result.prediction else 1.0)
     return over_limit(factor * px, factor * mm), factor * px
@@ -82,9 +83,9 @@ def mount_alone(result: FitResult) -> Check:
     shifts = [value for name, value in half_widths.items() if name.startswith("t_")]
     turn, shift = _largest(turns), _largest(shifts)
     lens = result.lens
-    good = turn is not None and shift is not None and turn <= ALONE_LIMIT_DEG and 1e3 * shift <= ALONE_LIMIT_MM
-    wording = "not determined"
+    good, wording = False, "not determined"
     if turn is not None and shift is not None:
+        good = max(alone_over_limits(turn, 1e3 * shift)) <= 1.0
         wording = (
             f"uncertain by {figure(turn)} degrees (limit {ALONE_LIMIT_DEG:g}) and {figure(1e3 * shift)} mm "
             f"(limit {ALONE_LIMIT_MM:g}), at 95 %"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, figure
+from apexcal.documents.checks import alone_over_limits, figure
 from apexcal.documents.lenses import stated_deviation
 from apexcal.documents.precision import NextStep, NextSteps, StepKind
 from workers.solver.common_errors import beside_decentring, columns_of, common_errors
@@ -81,13 +81,11 @@ class _Mount:
 
     def over_limit(self, deviations: Floats) -> float:
         """The larger of both over what the mount alone may have."""
-        turn, shift = self.half_widths(deviations)
-        return max(turn / ALONE_LIMIT_DEG, shift / ALONE_LIMIT_MM)
+        return max(alone_over_limits(*self.half_widths(deviations)))
 
     def widest(self, deviations: Floats) -> int:
         """The index of the parameter that decides `over_limit`."""
-        turn, shift = self.half_widths(deviations)
-        indices = self.turns if turn / ALONE_LIMIT_DEG >= shift / ALONE_LIMIT_MM else self.shifts
+        indices = self.turns if _is_turn_wider(*self.half_widths(deviations)) else self.shifts
         return int(indices[np.argmax((self._factor * deviations[: len(self._factor)])[indices])])
 
 
@@ -107,7 +105,7 @@ def next_steps(estimate: Estimate) -> NextSteps | None:
     steps: list[NextStep] = []
     done: set[StepKind] = set()
     parts = _parts(plan, lens, mount.widest(now), (turn, shift))
-    # No further than the check of the mount alone asks for.
+    # Where the check `mount_alone` would pass, no further step is named.
     while len(steps) < _MOST_STEPS and not (steps and mount.over_limit(now) <= 1.0):
         ways: list[tuple[StepKind, str, _Plan]] = []
         if np.any(np.isfinite(lens)) and problem.stated_lens is None and "lens" not in done:
@@ -142,7 +140,7 @@ def sentence(steps: NextSteps) -> str:
     """The parts and the steps in words; empty if no step is worth its work."""
     if not steps.steps:
         return ""
-    is_turn = steps.half_width_deg / ALONE_LIMIT_DEG >= steps.half_width_mm / ALONE_LIMIT_MM
+    is_turn = _is_turn_wider(steps.half_width_deg, steps.half_width_mm)
     unit = "degrees" if is_turn else "mm"
     whole = steps.half_width_deg if is_turn else steps.half_width_mm
     most = max(steps.parts, key=lambda name: steps.parts[name])
@@ -151,6 +149,12 @@ def sentence(steps: NextSteps) -> str:
     )
     share = f"Most of the mount's ±{figure(whole)} {unit} comes from the {most} ({figure(steps.parts[most])})"
     return f"{share}. Next: {ways}."
+
+
+def _is_turn_wider(half_width_deg: float, half_width_mm: float) -> bool:
+    """Whether the turn is wider than the shift, each over its limit."""
+    turn, shift = alone_over_limits(half_width_deg, half_width_mm)
+    return turn >= shift
 
 
 def _planned(problem: FitProblem, p: Floats, estimate: Estimate) -> _Plan:
@@ -273,6 +277,6 @@ def _parts(plan: _Plan, lens: Floats, index: int, half: tuple[float, float]) -> 
     exact = plan.with_lens(_padded(1e-6 * lens, errors)).errors.of_pairs().covariance(plan.used)[index, index]
     own = float(errors.of_pairs().covariance(plan.used)[index, index])
     variances |= {"lens": own - float(exact), "marks": float(exact)}
-    is_turn = half[0] / ALONE_LIMIT_DEG >= half[1] / ALONE_LIMIT_MM
+    is_turn = _is_turn_wider(*half)
     whole_half = half[0] if is_turn else half[1]
     return {part: whole_half * float(np.sqrt(v / whole)) for part, v in variances.items() if v > 1e-4 * whole}
