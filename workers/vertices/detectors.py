@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import DetectorName, Options, parse_detector, resolve_options
 from workers.readers.recording import Sweep
-from workers.vertices.board.run import run as run_refined
+from workers.vertices.board.refined import run as run_refined
 from workers.vertices.cut_angle import find_cut, run_cut
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.region import Region

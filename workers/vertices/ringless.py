@@ -21,7 +21,7 @@ from workers.vertices.board.board_estimate import BoardEstimate
 from workers.vertices.board.estimate import find_boards
 from workers.vertices.board.learning import learn
 from workers.vertices.board.model import BoardModel
-from workers.vertices.board.run import run
+from workers.vertices.board.refined import run
 from workers.vertices.board.surroundings import is_overtopped
 from workers.vertices.corners import corner_chi_square
 from workers.vertices.motion import count_steps

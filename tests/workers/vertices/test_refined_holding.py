@@ -9,7 +9,7 @@ import pytest
 from benchmarks.detection.holds import run
 from workers.vertices.board.holding import learn_roll
 from workers.vertices.board.model import ROLLS, any_roll
-from workers.vertices.board.run import roll_prior
+from workers.vertices.board.refined import roll_prior
 
 GENERAL = any_roll((0.6, 0.9))
 

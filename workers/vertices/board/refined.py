@@ -114,7 +114,7 @@ def _look_in_region(sweep: Sweep, area: Area, model: BoardModel) -> _SweepCandid
     first = boards[0]
     if any(board.is_consistent for _, board in boards):
         if area.fixed_left_out:
-            # The first one counts. A later one is a board only on the path of other sweeps' first ones.
+            # The likeliest counts. Another one is a board only on the path of the likeliest of other sweeps.
             while boards and boards[0][1].is_consistent and not is_likelier_than_upright(boards[0][1], model):
                 boards = boards[1:]
         else:
