@@ -47,7 +47,7 @@ COMMANDS = {
     "solve": Command("solve", "Calibrate a camera from a recording in one command."),
     "rig": Command("rig", "Describe a vehicle's LiDAR and cameras to the service."),
     "inspect": Command("inspection", "Say what a recording holds and lacks, before any upload.", "worker"),
-    "check": Command("drive", "Check the deployed calibration against a drive, without a board.", "worker"),
+    "check": Command("check", "Check the deployed calibration against a drive, without a board.", "worker"),
     "upload": Command("recordings", "Upload a recording and wait until it is ready."),
     "reread": Command("recordings", "Read again a recording that failed."),
     "suggest": Command("detect", "Suggest a region of interest from what moves."),

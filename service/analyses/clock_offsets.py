@@ -13,7 +13,7 @@ from apexcal.documents.corners import TOP
 from apexcal.documents.schedules import PRESETS
 from service.analyses.jobs import analysis_of
 from service.annotations.consensus import agree, far_apart_px
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job
 from service.detections.queries import done_detection

@@ -13,7 +13,7 @@ from apexcal.documents.errors import DocumentError
 from apexcal.documents.marking_precision import PrecisionRequest
 from apexcal.documents.states import UNENDED, WorkState
 from service.analyses.jobs import analysis_of, queue_analysis
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import FitPlan, plan_request
 from service.calibrations.resolve import CameraPairs

@@ -24,7 +24,7 @@ from service.annotations.answer_queries import VERDICT
 from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, disclose
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
-from service.annotations.progress_queries import answered_sweeps, tally, visible_answers
+from service.annotations.tally_queries import answered_sweeps, tally, visible_answers
 from service.annotations.task_actions import next_tasks
 from service.annotations.views import Subject, find_subject, is_machine, mark_view, task_view
 from service.detections.queries import done_detection

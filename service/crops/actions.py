@@ -19,7 +19,7 @@ from apexcal.documents.crops import LEAST_MARKS, CropAnswer, CropSheet, CropVerd
 from apexcal.documents.machine_marks import TILE_COLUMNS
 from service.annotations.disclosure_actions import keys_of, record_disclosures
 from service.annotations.locks import lock_person
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.crops.confirmation_actions import keep_outcome
 from service.crops.pictures import image_of, limits_in, tile_of
 from service.crops.queries import (

@@ -20,7 +20,7 @@ from apexcal.documents.crops import (
 )
 from apexcal.documents.machine_marks import MarkPlace
 from service.annotations.consensus import Opinion
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.crops.shifts import MOST_MISSED
 from service.crops.trust import ShiftCount, wrong_rate
 from service.platform.db.analyses import Analysis

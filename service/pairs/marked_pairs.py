@@ -24,7 +24,7 @@ from apexcal.documents.pairs import (
     VELOCITY,
 )
 from service.annotations.consensus import Consensus, ConsensusOutcome, Opinion, agree, combine, far_apart_px
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.crops.queries import blind_opinions
 from service.pairs.machine_opinions import MachineOpinion, machine_opinions
 from service.pairs.pair_files import Columns

@@ -41,7 +41,7 @@ export class Crops extends Action {
   /** Says that a mark is wrong, or takes that back. */
   toggle(vertexId: string): void {
     if (!this.page || this.busy || this.unsent) return;
-    const others = this.wrong.filter((one) => one !== vertexId);
+    const others = this.wrong.filter((id) => id !== vertexId);
     this.wrong = others.length < this.wrong.length ? others : [...others, vertexId];
     this.keep(this.page);
   }

@@ -1,6 +1,6 @@
 /** Which points a region keeps, by the rules of `workers/vertices/region.py`; a test compares both. */
 
-import { dot, levelRows } from "./level.ts";
+import { dot, levelRows } from "./level_axes.ts";
 import type { Operator, Quantity } from "./api/types.ts";
 import { cornersOf, type Box, type Part, type Polygon, type Region } from "./region.ts";
 

@@ -16,7 +16,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, gen
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from service.platform.health.job_figures import JobFigures
+from service.platform.health.database_figures import DatabaseFigures
 from service.platform.health.parts import Part
 from service.platform.http.figures import HttpFigures
 from service.platform.http.problems import Problem, forbidden
@@ -53,7 +53,7 @@ class PartFigures(Collector):
 def install(app: FastAPI, version: str) -> HttpFigures:
     """Give the application its figures. A registry for each application, so that two in one process stay apart."""
     registry = CollectorRegistry()
-    registry.register(JobFigures(app.state.database))
+    registry.register(DatabaseFigures(app.state.database))
     registry.register(PartFigures(app))
     build = Gauge("apexcal_build_info", "The version that answers.", ("version",), registry=registry)
     build.labels(version).set(1)

@@ -19,7 +19,7 @@ from hypothesis.stateful import (
 from sqlalchemy import delete
 
 from service.annotations.consensus import agree
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.platform.db.annotations import MarkingProgress
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply

@@ -20,7 +20,7 @@ from hypothesis.stateful import (
 from service.analyses.clock_offsets import _camera_and_marks
 from service.analyses.precision import _question
 from service.annotations.consensus import agree
-from service.annotations.progress_queries import opinions_of
+from service.annotations.tally_queries import opinions_of
 from service.pairs.marked_pairs import _apart_px, build
 from service.platform.db.annotations import MarkingTask
 from service.platform.db.detections import Detection

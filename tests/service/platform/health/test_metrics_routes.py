@@ -46,8 +46,8 @@ def read(api: Api, monkeypatch=None) -> dict[str, dict[tuple, float]]:
 
 @pytest.fixture
 def always_fresh(monkeypatch) -> None:
-    monkeypatch.setattr("service.platform.health.job_figures.FRESH_S", 0.0)
-    monkeypatch.setattr("service.platform.health.job_figures._BLOBS_FRESH_S", 0.0)
+    monkeypatch.setattr("service.platform.health.database_figures.FRESH_S", 0.0)
+    monkeypatch.setattr("service.platform.health.database_figures._BLOBS_FRESH_S", 0.0)
 
 
 def settle(api: Api) -> None:
@@ -145,7 +145,7 @@ def test_a_database_that_is_away_is_said_not_hidden(scraped: Api, always_fresh, 
     assert scraped.client.get("/healthz").status_code == 200
     with scraped.database.writing() as session:
         session.execute(delete(Heartbeat))
-    monkeypatch.setattr("service.platform.health.job_figures._queues", _broken)
+    monkeypatch.setattr("service.platform.health.database_figures._queues", _broken)
     found = read(scraped)
     assert found["apexcal_database_up"][()] == 0
     assert "apexcal_jobs" not in found and "apexcal_http_requests_total" in found

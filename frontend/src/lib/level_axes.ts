@@ -30,7 +30,7 @@ export function dot(a: Point, b: Point): number {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-function unit(given: Point): Point {
-  const length = Math.sqrt(dot(given, given));
-  return [given[0] / length, given[1] / length, given[2] / length];
+function unit(vector: Point): Point {
+  const length = Math.sqrt(dot(vector, vector));
+  return [vector[0] / length, vector[1] / length, vector[2] / length];
 }

@@ -30,19 +30,19 @@ from service.platform.jobs.queues import QUEUES
 from service.platform.jobs.reaper import resent_after_s
 
 FRESH_S = 5.0
-# The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.
+# All rows of blobs are counted, so more rarely: this takes a thousandth of the time at most, however many there are.
 _BLOBS_FRESH_S = 60.0
 _BLOBS_SHARE = 1e-3
 
 log = logging.getLogger(__name__)
 
 
-class JobFigures(Collector):
+class DatabaseFigures(Collector):
     """Asked for figures, it asks the database at most every few seconds."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._found: list[Metric] = []
+        self._figures: list[Metric] = []
         self._blobs: list[Metric] = []
         self._stale_at = self._blobs_stale_at = 0.0
 
@@ -58,11 +58,11 @@ class JobFigures(Collector):
             up.add_metric([], 1)
         except SQLAlchemyError as error:
             log.warning("no figures: the database does not answer (%s)", type(error).__name__)
-            self._found = []
+            self._figures = []
             up.add_metric([], 0)
         yield up
-        yield from self._found
-        yield from self._blobs if self._found else []
+        yield from self._figures
+        yield from self._blobs if self._figures else []
 
     def _refresh(self) -> None:
         moment = time.monotonic()
@@ -75,7 +75,7 @@ class JobFigures(Collector):
                 self._blobs = list(_blobs(session))
                 took_s = time.monotonic() - began
                 self._blobs_stale_at = moment + max(_BLOBS_FRESH_S, took_s / _BLOBS_SHARE)
-        self._found, self._stale_at = figures, moment + FRESH_S
+        self._figures, self._stale_at = figures, moment + FRESH_S
 
 
 def _gauge(name: str, help_text: str, labels: Iterable[str], rows: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
