@@ -128,7 +128,7 @@ def _housework(store: Store, settings: Settings) -> Sequence[Callable[[Database]
 
 
 async def _keep_house(database: Database, tasks: Sequence[Callable[[Database], object]], every_s: float) -> None:
-    """Do these as often, or as rarely as they take long.
+    """Do each task every ``every_s`` seconds, or more rarely if it takes long.
 
     Several services doing it at once do no harm. ``database`` waits for locks longer than requests do.
     """

@@ -86,7 +86,7 @@ def read_file(module: str, path: Path, out: Path | str, reading: Mapping[str, An
 
 
 def refuse(error: Document, again: str) -> NoReturn:
-    """End the command with what the reader refused; ``again`` is the command to which topics would be named."""
+    """End the command with what the reader refused; ``again`` is the command that takes the options of topics."""
     question = candidates_of(error["fields"]).replace("apexcal reread RECORDING", again)
     complain(f"{error['message'].rstrip('.')} ({error['code']})", error["hint"] + question, code=USAGE)
 

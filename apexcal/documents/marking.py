@@ -120,9 +120,9 @@ class Progress(Sent):
 
 
 class MarkingWork(Sent):
-    """A camera of a recording with corners that wait for the asker: so many (``waiting``), and ``mine`` are answered.
+    """A camera of a recording in which corners wait for the asker.
 
-    ``to_confirm`` of the machine's marks wait for a look.
+    ``waiting`` corners wait; ``mine`` has the asker answered. ``to_confirm`` of the machine's marks wait for a look.
     """
 
     recording: str

@@ -48,7 +48,7 @@ class Field(Document):
 class OverTime(Document):
     """The errors that stretches of a walk share, besides those of its groups (the corners of a sweep).
 
-    ``widening`` is the ratio of the pixels' deviations over the marks to those of groups that err independently.
+    ``widening``: the deviations of pixels over the marks, divided by those if groups erred independently.
     """
 
     blocks: int
@@ -63,7 +63,7 @@ class SharedErrors(Document):
 
     ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
     ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.
-    ``widening`` is the ratio of the pixels' deviations over the marks to those of independent errors. The result's
+    ``widening``: the deviations of pixels over the marks, divided by those of independent errors. The result's
     deviations include the shared errors if ``counted``. ``over_time`` is there if many groups are in stretches.
     """
 

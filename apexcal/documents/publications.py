@@ -17,15 +17,16 @@ _Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 
 
 class PublicationPolicy(Received):
-    """Limits, each optional, and what is published without a person. A rig's member replaces the fleet's.
+    """Limits, each optional, and what is published without a person. Members of the rig's policy replace the fleet's.
 
     Upper limits: ``heldout_mean_px`` of the mean error of held-out pairs; ``std_deg`` and ``std_mm`` of the largest
-    standard deviation of a turn and of a component of the translation; ``halves_ratio`` of the difference of halves
-    of the pairs over what is stated. Lower limit: ``coverage``, the share of the image's 8 x 6 equal cells that hold
-    a pair. ``publish_looks``: whether a result with a check of ``look`` is published by itself too, where that was
-    asked for; otherwise only one that passes all checks. ``publish_unattended``: whether nobody needs to have looked
-    at the machine's marks, and no earlier result to confirm them; ``publish_looks`` alone does not publish these.
-    ``required_checks``: names of checks that must have been made; by default one that was not speaks against nothing.
+    standard deviation of a turn and of a component of the translation; ``halves_ratio`` of the difference between
+    fits of two halves of the pairs, over its stated size. Lower limit: ``coverage``, the share of the image's 8 x 6
+    equal cells that hold a pair. ``publish_looks``: whether a result with a check of ``look`` is published by itself
+    too, where that was asked for; otherwise only one that passes all checks. ``publish_unattended``: whether a result
+    of the machine's marks is published although nobody looked at them and no earlier result confirms them;
+    ``publish_looks`` alone does not publish it. ``required_checks``: names of checks that must have been made; a
+    check that was not made is no doubt otherwise.
     """
 
     heldout_mean_px: _Most | None = None
@@ -65,7 +66,7 @@ class Override(Received):
 class PublicationRequest(Received):
     """The alias under which a result is published, and the reason. ``override`` is needed if a check says `stop`.
 
-    It is kept with the sentences of the checks. A result that the alias led to before needs a reason.
+    The override is kept with the checks' sentences. A result that the alias led to before needs a reason.
     """
 
     alias: AliasName = CURRENT
@@ -89,8 +90,8 @@ class WithdrawalRequest(Received):
 class PublicationView(Sent):
     """A move of an alias of a vehicle's camera: to which result, by whom, when, why, and against which checks.
 
-    ``number`` counts the alias's moves from 1. ``result_id`` is null if the alias leads nowhere since: it was
-    withdrawn, or its result was deleted. ``led_to`` is the result's id, also after the result was deleted; null of a
+    ``number`` counts the alias's moves from 1. ``result_id`` is null if the result was deleted since, or the
+    move is a withdrawal. ``led_to`` is the result's id, also after the result was deleted; null of a
     withdrawal. ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none
     was given. ``is_current``: the alias leads to this result now.
     """

@@ -28,7 +28,7 @@ class GivenCalibration(Received):
 
 
 class ValidationRequest(Received):
-    """What is tested: the calibration ``result_id``, or ``calibration``, or else what the camera is given now."""
+    """What is tested: the result ``result_id``, or ``calibration``, or else the camera's published calibration."""
 
     result_id: UUID | None = None
     calibration: GivenCalibration | None = None
@@ -59,8 +59,8 @@ class PairScore(Document):
     """Errors on pairs that the calibration was not fitted to, px.
 
     ``bias_px`` is the mean of projection minus mark without ``wrong`` marks, ``noise_px`` their noise per coordinate.
-    ``turn_deg`` and ``shift_mm`` are the mount error that the residuals look like, ``sigmas`` its root mean square
-    over what is stated. ``forbidden`` pairs have no projection. Columns are in the order of the set's pairs.
+    ``turn_deg`` and ``shift_mm`` are the mount error that explains the residuals best, ``sigmas`` its root mean
+    square over what is stated. ``forbidden`` pairs have no projection. Columns are in the order of the set's pairs.
     """
 
     verdict: Verdict
@@ -127,7 +127,7 @@ class RoadScore(Document):
 
 
 class PairValidationView(AnalysisView):
-    """A validation on pairs. Only who may see single pairs, and reads it alone, gets the columns."""
+    """A validation on pairs. The columns are for who may see single pairs, and not in lists."""
 
     kind: Literal["pair_validation"]
     camera: str

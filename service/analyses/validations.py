@@ -25,7 +25,7 @@ _NEEDED = ("intrinsics", "transform", "covariance", "sigma_px", "model", "status
 
 
 def plan_on_pairs(access: Access, request: PairValidationRequest) -> Analysis:
-    """A validation on a set, of its vehicle and camera. Raises :class:`Problem` as :func:`_plan` does."""
+    """Plan a validation on a set, of its vehicle and camera. Raises :class:`Problem` as :func:`_plan` does."""
     pairs = access.find(CorrespondenceSet, request.set_id, "engineer")
     row = _plan(access, request, pairs, pairs.camera)
     row.set_id = pairs.id
@@ -33,7 +33,10 @@ def plan_on_pairs(access: Access, request: PairValidationRequest) -> Analysis:
 
 
 def plan_on_recording(access: Access, request: RoadValidationRequest | PixelPointsRequest) -> Analysis:
-    """A calibration and a camera of a recording. Raises :class:`Problem` as :func:`_plan`, 404 ``unknown_camera``."""
+    """Plan an analysis with a calibration of a recording's camera.
+
+    Raises :class:`Problem` as :func:`_plan` does, and 404 ``unknown_camera``.
+    """
     recording = ready_recording(access, request.recording_id, "engineer")
     find_camera(access.session, recording.id, request.camera)
     row = _plan(access, request, recording, request.camera)
@@ -42,7 +45,7 @@ def plan_on_recording(access: Access, request: RoadValidationRequest | PixelPoin
 
 
 def _plan(access: Access, request: ValidationRequest, data: Recording | CorrespondenceSet, camera: str) -> Analysis:
-    """The calibration that the request names, or what the camera is given now, as it is now.
+    """Plan a validation of the calibration that the request names, or of the camera's published one.
 
     Raises:
         Problem: 404 ``no_calibration``, 422 ``result_of_another_vehicle``, ``result_of_another_camera``, and as

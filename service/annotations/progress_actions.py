@@ -55,8 +55,8 @@ def counted(
     """Count what the block changes of a person's mark in a frame and of their verdict on an apex.
 
     The caller holds the person's lock, and nobody else answers on the apex meanwhile. The block writes a row that
-    refers to the recording before it ends, so that nobody counts anew between it and the counters. ``is_first``:
-    there is neither a mark nor a verdict yet.
+    refers to the recording, so that nobody counts anew before the counters are changed, too. ``is_first``: there is
+    neither a mark nor a verdict yet.
     """
     whose = (session, person_id, sensor_id, frame_index, corner, apex_id)
     rows = [] if is_first else _touched(*whose)
@@ -71,7 +71,7 @@ def counted(
             continue
         key = (row.detection_id, row.sensor_id)
         if of_machine or row.apex_id != apex_id:
-            # Others may answer on that apex now, so their number is not known; nor is what the machine's mark counts.
+            # Others may be answering on that apex, so their number is not known. Nor is `by_machine`.
             session.execute(delete(MarkingProgress).where(_of(*key)))
             continue
         change = changes.setdefault(key, Counter(dict.fromkeys(_COUNTERS, 0)))
@@ -98,7 +98,7 @@ def read_progress(access: Access, database: Database, detection: Detection, came
     # Its connection goes back first: a request that held two could wait for others that do the same.
     session.close()
     with database.writing() as writing:
-        # No answer is under way then: each refers to the recording. While some are, the count is not kept.
+        # With the recording's lock no answer is under way, because each refers to it. Without, the count is not kept.
         recording = select(Recording.id).where(Recording.id == detection.recording_id)
         is_alone = writing.scalar(recording.with_for_update(skip_locked=True)) is not None
         counts, people = _count(writing, detection, camera, person_id, wanted_now)
@@ -122,8 +122,8 @@ def count_progress(session: Session, person_id: UUID, detection: Detection, came
     standing = progress_of(session, person_id, detection.id, camera.id)
     if standing is not None:
         return standing
-    vertices = session.scalars(_WANTED, {"detection": detection.id}).one()
-    return _progress(*_count(session, detection, camera, person_id, vertices)[0])
+    wanted_now = session.scalars(_WANTED, {"detection": detection.id}).one()
+    return _progress(*_count(session, detection, camera, person_id, wanted_now)[0])
 
 
 def progress_of(session: Session, person_id: UUID, detection_id: UUID, sensor_id: UUID) -> Progress | None:

@@ -20,8 +20,8 @@ from service.platform.db.session import put
 # The frontier is written after it has moved this far; until then each search passes the vertices in between again.
 _STEP = 30
 # The next open vertex is mostly this near to the frontier. 100 people holding 3 vertices each occupy 100 vertices at
-# 3 marks per vertex; between two of a person's answers they finish 33. Ranges that others have answered may be
-# longer.
+# 3 marks per vertex; between two of a person's answers they finish 33. Runs of vertices that
+# others have answered may be longer.
 _NEAR = 200
 
 _CAMERA, _PERSON = bindparam("camera", type_=Uuid()), bindparam("person", type_=Uuid())
@@ -46,7 +46,7 @@ class OpenVertexSearch:
         """Return at most ``count`` open vertices that nobody else can lease until the transaction ends.
 
         People who ask at the same moment lock different apexes, check again that their vertices are open, and search
-        for more in place of the others. If others hold all, these may be the last ones: then it waits for them.
+        for more in place of the others. If others hold all open vertices, it waits: these may be the last ones.
         """
         taken: list[UUID] = []
         tried: list[UUID] = [*self.passed]
@@ -171,7 +171,7 @@ def _first_not_closed() -> Select[int]:
 
 
 def _paired(*columns: Any) -> Select[*tuple[Any, ...]]:
-    """Return the condition of vertices that are to be marked in the camera."""
+    """Select vertices that are to be marked in the camera."""
     is_paired = and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == _CAMERA)
     rows = select(*columns).select_from(Vertex).join(VertexFrame, is_paired)
     return rows.where(

@@ -200,7 +200,7 @@ def own_answer(subject: Subject) -> Own:
         mark = last
     if mark is not None and is_machine(mark):
         mark = None  # its pixel would tell which crops are shifted
-    # Without a version: the verdict of an answer in another camera.
+    # With no answer in this camera, the verdict of one in another camera.
     answer = last or subject.verdict
     u, v = (mark.u, mark.v) if mark else (None, None)
     return Own(

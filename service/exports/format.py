@@ -27,7 +27,7 @@ def numbers(values: Floats | list[float]) -> list[float]:
 
 
 def yaml_number(value: float) -> str:
-    """YAML 1.1 takes ``1e-05`` for text: a number has a point."""
+    """Write a number with a point, because YAML 1.1 takes ``1e-05`` for text."""
     text = repr(float(value) + 0.0)
     return text if "." in text else text.replace("e", ".0e")
 
@@ -37,13 +37,13 @@ def yaml_list(values: Floats | list[float]) -> str:
     return f"[{', '.join(map(yaml_number, numbers(values)))}]"
 
 
-# A person's mark errs by as much: what is left out is less than what one pair says.
+# A person's mark errs by as much, so what is left out is less than the error of one pair.
 MOST_DROPPED_PX = 1.0
 _STATE_VEHICLE = "Say T_vehicle_lidar in the rig."
 # Name inside the export -> text.
 Files = dict[str, str]
 
-# What neither a shell, nor the substitutions of ROS 2's launch and of xacro, take for more than a name.
+# A frame in which neither a shell nor the substitutions of ROS 2's launch and of xacro replace anything.
 _PLAIN_FRAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]*")
 RADIAL_TANGENTIAL: frozenset[ModelName] = frozenset(
     name for name, model in CAMERA_MODELS.items() if model.is_radial_tangential

@@ -42,7 +42,7 @@ def _T_lidar_vehicle(camera: CalibratedCamera) -> SE3:  # noqa: N802 - a transfo
 
 
 def _cam_to_cam(camera: CalibratedCamera) -> str:
-    """The camera at each of KITTI's four places, so that a program finds it at the one that it looks at.
+    """Write the camera at each of KITTI's four places, so that a program finds it whichever it reads.
 
     The rectified image is the undistorted one, with the same K: R_rect is the identity, P_rect is [K | 0].
     """

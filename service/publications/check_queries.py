@@ -99,7 +99,7 @@ def _ended(result: Result) -> Check:
 
 
 def _current(result: Result, current: Result | None, beside: Check | None) -> Check:
-    """The comparison with the current calibration; if that changed since the result was judged, so it says."""
+    """The comparison with the current calibration, or that another became it since the result was judged."""
     if current is None:
         return _CURRENT.not_checked("The vehicle has no current calibration of this camera.", "Publish a result.")
     if current.id == result.id:

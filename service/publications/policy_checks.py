@@ -66,7 +66,7 @@ def policy_check(
 
 
 def unattended_check(result: Result, policy: PublicationPolicy) -> Check | None:
-    """Return the check of the machine's marks that passes by the policy; None if it passes without, or does not."""
+    """Return the check of the machine's marks if it passes by the policy alone, else None."""
     stored = next((check for check in result.stored_checks if check.name == MARKS_CONFIRMED.name), None)
     if stored is None or stored.verdict == "pass" or not policy.publish_unattended:
         return None

@@ -43,7 +43,7 @@ def delete_overdue(database: Database) -> int:
     One that a vehicle's current calibration came from stays until another is published, and says so. It is looked at
     again after a day.
     """
-    # All of them: of a part, those that stay would be looked at again and again, and the others never.
+    # Without a limit: those that stay would fill it at every round, and the others would never be reached.
     with database.reading() as session:
         overdue = session.scalars(select(Recording.id).where(_OVERDUE).order_by(Recording.retain_until)).all()
     return sum(one_by_one("recording", overdue, partial(_delete, database)))
@@ -111,8 +111,7 @@ def _with_layer(fleet_id: UUID, count: int, days: float) -> Select[UUID]:
 def delete_old_imports(database: Database) -> int:
     """Delete imported pairs whose time has ended in their fleet, with their calibrations; how many.
 
-    Those of whose calibrations anything was ever published stay, and those that were brought or calibrated again
-    since.
+    Pairs stay if one of their calibrations was ever published, or if they were imported or calibrated again since.
     """
     with database.reading() as session:
         old = [id for fleet_id in _fleets(session) for id in session.scalars(_old_imports(session, fleet_id)).all()]
@@ -146,7 +145,7 @@ def _old_imports(session: Session, fleet_id: UUID) -> Select[UUID]:
         CorrespondenceSet.source == "import",
         func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at) < before,
         ~runs.where(CalibrationRun.created_at > before).exists(),
-        # They go with the set: also what one published for a camera that has other pairs.
+        # A calibration goes with the set, so what it published for a camera with other pairs counts, too.
         ~published.where(Result.calibration_id.in_(runs)).exists(),
     )
 

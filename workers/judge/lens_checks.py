@@ -28,7 +28,7 @@ _NOTHING_LEFT: Final = 1e-6  # of a prior's variance, as far as rounding goes: t
 
 
 def lens_model(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
-    """Whether residuals follow a radial or decentring pattern, as those under a lens model that does not fit do."""
+    """Whether residuals follow a radial or decentring pattern, as they do if the lens model does not fit."""
     problem, p = estimate.holding, estimate.held_at
     finding = causes.get(LENS)
     if finding is None:
@@ -82,11 +82,11 @@ class PriorGap(NamedTuple):
 
 
 def worst_prior(estimate: Estimate, causes: Mapping[str, Finding]) -> PriorGap | None:
-    """Compare what the request expects of parameters with the pairs, beside a named cause of time.
+    """Compare the request's priors with the pairs; a clock or shutter that is a named cause is estimated beside them.
 
-    The distance between the means of prior and posterior has the prior's variance less that which the fit itself
-    counts on, and what pairs share besides. A prior that is off matters if points of use move without it. None
-    where there is no prior, or the pairs leave parameters open.
+    The distance between the means of prior and posterior has the prior's variance less the posterior's by independent
+    errors, plus what errors common to the pairs add. A prior that is off matters if points of use move without it.
+    None if there is no prior, or the pairs leave parameters open.
     """
     problem, errors = estimate.fitted, estimate.errors
     names = _prior_names(estimate)
@@ -150,9 +150,8 @@ def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
 def stated_lens(result: FitResult, causes: Mapping[str, Finding]) -> Check:
     """Whether the pairs bear out the lens that the recording or a file states.
 
-    A cause of time that explains the residuals better than a lens does is mended first.
-
-    If they do not, a result that rests on it should not be used. One with a lens of its own holds with that lens.
+    If the pairs do not, a result with the stated lens should not be used; one with a fitted lens holds with that one.
+    If wrong times explain the residuals better than another lens does, they are mended first.
     """
     stated = result.stated_lens
     if result.unused_lens:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 _OPTIONS: Final = f"Options are {', '.join(ReadOptions.model_fields)}; leave out what is not known."
 
-# What a limit raises; the starter has the words.
+# What a limit raises, and its code; the process that started this one has the sentence.
 _LIMITS: Final[dict[type[BaseException], str]] = {
     MemoryError: "ingest_memory_limit",
     OutputLimitError: "ingest_output_limit",
@@ -125,7 +125,7 @@ def _inspected(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[s
 
 
 def inspected(source: Path, request: dict[str, Any]) -> Inspection:
-    """Inspect a recording, its mounts as ``urdf``, or the transforms of the recording ``tf_from``, say."""
+    """Inspect a recording; ``urdf``, or the transforms of the recording ``tf_from``, states its mounts."""
     from apexcal.documents.rig_proposals import RigAnswers
     from workers.readers.inspection import inspect_recording, static_transforms_of
 

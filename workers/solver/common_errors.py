@@ -47,9 +47,10 @@ def column_of(problem: FitProblem, p: Floats, name: str) -> Floats:
 def beside_decentring(problem: FitProblem, p: Floats, errors: ErrorModel) -> ErrorModel:
     """Return the errors of a whitened problem's estimate p (D,) for a lens that is off its axis by an unknown amount.
 
-    The fisheye that other programs have lacks tangential terms, and its mount and centre take their part. They are
-    estimated beside it (p1, p2 in the plane of theta, as in COLMAP's THIN_PRISM_FISHEYE): two parameters more, and
-    what they would move the estimate by as a deviation. The same errors for other lenses or with a locked centre.
+    The fisheye model lacks tangential terms, as it does in other programs, so mount and centre take their place. Here
+    two such terms are estimated, too (p1, p2 in the plane of theta, as in COLMAP's THIN_PRISM_FISHEYE). The step by
+    which they would move the estimate is an error of it. Other lenses, or a locked centre, leave the errors as they
+    are.
     """
     centre = [problem.names.index(name) for name in ("c_x", "c_y")]
     if problem.model != "kannala_brandt" or not np.isin(centre, problem.free).any():

@@ -22,9 +22,9 @@ _MOST: Final = 20
 
 
 def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[Json]]:
-    """Return what validations of each result found, without single pairs: the newest first, one for the same data.
+    """Return what validations of each result found, without single pairs: the newest for each set or recording.
 
-    Pairs of the recording that was fitted to are no other data.
+    Pairs of the recording that the result was fitted to do not count.
     """
     fitted = aliased(CorrespondenceSet)
     rows = session.execute(

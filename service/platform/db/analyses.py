@@ -16,7 +16,7 @@ class Analysis(Dated):
 
     ``asked`` holds all that the worker needs besides what the row names; ``result`` is the answer, ``single_pairs``
     its columns with one value for each pair. Lists do not read these. Nothing refers to an analysis, and what is
-    asked anew is another row. It goes with each thing that it is of.
+    asked anew is another row. It is deleted with any of the rows that it names.
     """
 
     __table_args__ = (

@@ -92,7 +92,7 @@ class MarkingTask(Dated):
 
 
 class MarkingFrontier(Base):
-    """How far a person's marking is in one camera: no vertex of a lower rank is new to them and takes their answer.
+    """How far a person's marking is in one camera: vertices of lower ranks are not new to them, or closed to them.
 
     The search for the next one starts here. It holds for ``marks_wanted`` marks of each vertex. Whatever makes a
     vertex take answers again removes the rows of its recording.
@@ -110,7 +110,7 @@ class MarkingProgress(Base):
     """Counters of a detection's marking in one camera; its progress is the sum of its rows.
 
     Each person has a row, so that two who answer never wait for each other. ``mine`` counts the person's vertices.
-    ``by_machine`` stands beside ``vertices``: whatever changes it removes the rows.
+    ``by_machine`` is set with ``vertices``; whatever changes it removes the rows.
     ``answered`` and ``complete`` are what was counted when ``vertices`` was set, in one of the rows, plus what each
     person's answers changed since. Without a row that has ``vertices``, and ``marks_wanted`` as the recording has it
     now, everything is counted again.

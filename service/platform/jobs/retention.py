@@ -22,7 +22,7 @@ _GONE = timedelta(hours=1)
 def forget_jobs(database: Database) -> int:
     """Remove the jobs that ended over ``job_days`` ago, with what their kinds forget, and return how many.
 
-    What a subject still shows as its job stays, and so does what the totals do not hold yet.
+    A job that its subject still shows stays, and so does one with events that the totals do not count yet.
     """
     removed = 0
     while True:
@@ -48,7 +48,7 @@ def _overdue():  # noqa: ANN202 - a statement
     shown = or_(*(exists().where(Job.id == column) for column in columns))
     untallied = exists().where(JobEvent.job_id == Job.id, ~JobEvent.tallied)
     ended = now(-86400.0 * get_settings().job_days)
-    # Not "one of those that ended": SQLite would look at all of these, and not at the times.
+    # With `in_` the ended states SQLite would look at all jobs that ended, instead of using the index of the times.
     overdue = (Job.state.not_in(UNENDED), Job.finished_at < ended, ~shown, ~untallied)
     return select(Job.id, Job.kind, Job.subject_id).where(*overdue).order_by(Job.finished_at)
 

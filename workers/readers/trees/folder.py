@@ -37,7 +37,7 @@ _BAG_FILES: Final = {".db3": SQLITE, ".mcap": MCAP}
 _LOGS: Final = (".db3-wal", ".db3-shm")
 _VIDEO: Final = "workers.readers.images.video"
 _CAPTURE: Final = "workers.readers.captures.pcap"
-# Of KITTI's raw layout: `_KITTI_STARTS` is there where stamps are the moments at which the LiDAR looks ahead.
+# Of KITTI's raw layout. Beside `_KITTI_STARTS` the stamps are the moments at which the LiDAR looks ahead.
 _KITTI_STARTS: Final = "timestamps_start.txt"
 _TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, _KITTI_STARTS, "timestamps_end.txt"})
 _MAX_SOURCES: Final = 256
