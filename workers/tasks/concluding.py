@@ -78,7 +78,7 @@ _SEARCHES = (
 
 # A calibration with a cancelled run is not judged.
 _JUDGED_STATES: Final = (WorkState.DONE, WorkState.FAILED)
-# Moves of an alias that are looked through for a result from people's marks: a year of monthly calibrations, twice.
+# Moves of an alias that are looked through for a result from people's marks: two years of monthly calibrations.
 _MOST_MOVES: Final = 24
 _CONFIRMED: Final = MARKS_CONFIRMED.name
 
