@@ -85,7 +85,7 @@ class Sight:
         return tip + _SHORTEST_EDGE_M * np.array([first, second])
 
 
-# Boards that are sold for calibration have edges of 0.4 m and more (`workers.vertices.suggestion`).
+# Boards that are sold for calibration have edges of 0.4 m and more (`workers.vertices.pose_suggestion`).
 _SHORTEST_EDGE_M: Final = 0.4
 
 

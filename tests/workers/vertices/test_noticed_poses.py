@@ -8,10 +8,10 @@ import pytest
 from tests.support.scenes.still import still_poses
 from workers.readers.recording import Sweep
 from workers.vertices.detectors import detect_range
+from workers.vertices.pose_suggestion import boards_outside
 from workers.vertices.region import Region
 from workers.vertices.still_poses import find_poses
 from workers.vertices.suggested_region import things_of
-from workers.vertices.suggestion import _boards_outside
 from workers.vertices.sweep_source import Listed
 
 T0 = 1_000_000_000
@@ -98,5 +98,6 @@ def test_a_region_that_leaves_boards_out_says_in_which_sweeps():
     region = Region.from_document({"all": [{"box": {"min": low.tolist(), "max": high.tolist()}}]})
     out = [k for k in range(6) if not region.mask(recording.apex[k : k + 1])[0]]
     assert 1 not in out and len(out) == 5
-    listed = _boards_outside(recording.source, range(6), poses, region, lambda: None)
+    moved = [poses.background.compare(recording.source.sweep(number)).moved for number in range(6)]
+    listed = boards_outside(recording.source, range(6), moved, poses.grid, region, lambda: None)
     assert set(listed) <= set(out) and len(listed) >= 3
