@@ -108,7 +108,7 @@ def still_poses(place: Place, seed: int, poses: int, *, each: int = 1, apart_s: 
     setting = SETTINGS[place]
     random = np.random.default_rng([seed, len(place)])
     around = _surroundings(place, setting, random)
-    sensor = _Sensor.drawn(setting.sensor, random)
+    sensor = Sensor.drawn(setting.sensor, random)
     sweeps: list[Sweep] = []
     apexes: list[Floats] = []
     rings: list[int] = []
@@ -128,7 +128,7 @@ def drive(seed: int, sweeps: int, speed_m_s: float = 10.0) -> Listed:
     setting = SETTINGS["street"]
     random = np.random.default_rng([seed, 99])
     around = _surroundings("street", setting, random, length_m=60.0 + 0.1 * sweeps * speed_m_s)
-    sensor = _Sensor.drawn(setting.sensor, random)
+    sensor = Sensor.drawn(setting.sensor, random)
     found: list[Sweep] = []
     for number in range(sweeps):
         x = 0.1 * number * speed_m_s
@@ -211,7 +211,7 @@ def _pose(setting: Setting, around: Things, random: np.random.Generator) -> tupl
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sensor:
+class Sensor:
     """Elevations (R,) and biases (R,) of the rings, step of the azimuth, noise and share of lost returns."""
 
     elevation: Floats
@@ -221,7 +221,7 @@ class _Sensor:
     lost: float
 
     @classmethod
-    def drawn(cls, name: str, random: np.random.Generator) -> _Sensor:
+    def drawn(cls, name: str, random: np.random.Generator) -> Sensor:
         model = SENSORS[name]
         elevation = np.deg2rad(np.array(model.elevations_deg))
         return cls(

@@ -69,11 +69,13 @@ class PlaneReturns:
             left and up, and 1 if the return may be of both the board and something close behind it, else 0.
         near: (3, K) of the returns in the plane where a board that holds the hits may be: metres to the left and up,
             and 1 if the return lies in the region and is not static, else 0.
+        inner: (3, I) of the hits that are not among the plane's rays: metres to the left and up, and the ray's ratio.
     """
 
     hits: Floats
     misses: Floats
     near: Floats
+    inner: Floats
 
 
 @dataclass(frozen=True, slots=True)

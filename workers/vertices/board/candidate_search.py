@@ -120,7 +120,10 @@ def _candidate_on_rings(
     column: NDArray[np.int64] = np.arange(int(ratio.shape[1]))
     between: Mask = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
     on_points = between & (ratio > _ON_BOARD)
-    hits = np.nonzero(between & (ratio > CONFIDENT))
+    is_hit: Mask = between & (ratio > CONFIDENT)
+    hits = np.nonzero(is_hit)
+    is_hit[at] = False
+    inner = np.nonzero(is_hit)
     hit_at: Floats = np.stack([left[hits], up[hits]])
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
@@ -137,6 +140,7 @@ def _candidate_on_rings(
         hits=hit_at,
         misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed).astype(np.float64)]),
         near=np.stack([left[near], up[near], window.inside[near].astype(np.float64)]),
+        inner=np.stack([left[inner], up[inner], ratio[inner]]),
     )
     extent = PlaneExtent(
         rings=int(on_board.size),
@@ -262,6 +266,7 @@ def _scattered_candidate(
         hits=hit_at,
         misses=np.stack([left[missed], up[missed], is_mixed(missed).astype(np.float64)]),
         near=np.stack([left[near], up[near], window.inside[0, near].astype(np.float64)]),
+        inner=np.zeros((3, 0)),
     )
     width = float(np.ptp(left[cluster]))
     extent = PlaneExtent(0, 0, int(cluster.size), width, has_many_rings=cluster.size >= _MANY_POINTS)

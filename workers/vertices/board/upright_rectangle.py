@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from workers.vertices.board.board_estimate import MOST_ON_BOARD, BoardEstimate
 from workers.vertices.board.model import BoardModel
+from workers.vertices.board.outline import on_board_probability
 from workers.vertices.board.size import BLOOMING_RAD
 
 Floats = NDArray[np.float64]
@@ -46,7 +47,9 @@ def is_likelier_than_upright(board: BoardEstimate, model: BoardModel) -> bool:
         # Without rings no ray shows where a larger rectangle ends, so the rectangle explains as much as the board.
         # The test is whether the returns end at the stated size.
         return rim_rad(board)[0] < BLOOMING_RAD[1]
-    return board.agreement.evidence > upright_evidence(board, model) + (_ONE_OF_TEN if model.upper_corner else 0.0)
+    if model.upper_corner:
+        return board.agreement.evidence + _inner_evidence(board, model) > upright_evidence(board, model) + _ONE_OF_TEN
+    return board.agreement.evidence > upright_evidence(board, model)
 
 
 def rim_rad(board: BoardEstimate) -> tuple[float, float]:
@@ -72,18 +75,37 @@ def upright_evidence(board: BoardEstimate, model: BoardModel) -> float:
     """Return the log likelihood of the rays for an upright rectangle, its edges uniform over one metre each.
 
     A board with level edges is such a rectangle itself. It is compared with rectangles of any size, turned as it is.
+    All returns in the plane count then: by the rays at the edges alone, a small rectangle on a part of the board that
+    looks clean is likelier than the board.
     """
-    plane = board.plane
-    gain = np.log(plane.rays.contaminated_ratio(model))
-    outside = -float(np.sum(np.maximum(gain, 0.0)))
-    along = plane.rays.left, plane.rays.up
+    rays = board.plane.rays
+    gain = np.log(rays.contaminated_ratio(model))
+    along = rays.left, rays.up
     if board.upper_corner:
         fall = board.hold.likeliest.mean[2]
         cosine, sine = math.cos(fall), math.sin(fall)
-        along = cosine * plane.rays.left - sine * plane.rays.up, -sine * plane.rays.left - cosine * plane.rays.up
+        left, up, ratio = board.plane.returns.inner
+        left, up = np.concatenate([rays.left, left]), np.concatenate([rays.up, up])
+        gain = np.concatenate([gain, np.log(ratio)])
+        along = cosine * left - sine * up, -sine * left - cosine * up
+    outside = -float(np.sum(np.maximum(gain, 0.0)))
     order = tuple(np.argsort(values, kind="stable") for values in along)
     best = max(_ascend(along, order, gain, first, share) for first in (0, 1) for share in _STARTS)
     return outside + best
+
+
+def _inner_evidence(board: BoardEstimate, model: BoardModel) -> float:
+    """Return the log likelihood of `PlaneReturns.inner` for the likeliest board, 0 if none lies clearly beside it.
+
+    A ring along a level edge answers as a whole, so its returns count only beyond where the edge may answer.
+    """
+    left, up, ratio = board.plane.returns.inner
+    mode = board.hold.likeliest
+    reach = np.full_like(left, float(np.median(board.plane.rays.reach)))
+    rim = reach * (model.blooming + 2.0 * model.softness)
+    outline = (model.softness, model.slack, *mode.edges, np.concatenate([[0.0], mode.mean]))
+    on_board = on_board_probability(left, up, rim, reach, *outline)
+    return float(np.sum(np.log(1.0 + (ratio - 1.0) * on_board) - np.log(ratio)))
 
 
 def _ascend(
