@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from workers.vertices.board.candidate import HARDLY, Plane, probability_within
-from workers.vertices.board.model import Floats
+from workers.vertices.board.model import MOST_ROLL_RAD, Floats
 
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 # A return contradicts an unrelated board one time in two.
@@ -155,15 +155,20 @@ class BoardEstimate:
     def has_usual_hold(self) -> bool:
         """Return whether a person may hold a board in this way.
 
-        Doors, cars and walls have upright edges; a board with a tip has none.
+        Rolled farther than people roll boards, it is held by another corner than is stated. On rings the test against
+        upright rectangles shows that of tips. Doors, cars and walls have upright edges; a board with a tip has none.
         """
-        if not self.plane.has_usual_slopes:
+        hold = self.hold
+        is_rolled = probability_within(MOST_ROLL_RAD, hold.roll, hold.roll_sigma**2) <= HARDLY
+        if not self.plane.has_usual_slopes or (is_rolled and (self.upper_corner or not self.plane.extent.rings)):
             return False
-        middle = math.radians(45.0) * (1 + self.upper_corner)
+        if self.upper_corner:
+            return True
         most = math.radians(45.0) - _UPRIGHT
         likely = [
-            mode.weight * probability_within(most, float(mode.mean[2]) - middle, float(mode.covariance[2, 2]))
-            for mode in self.hold.modes
+            mode.weight
+            * probability_within(most, float(mode.mean[2]) - math.radians(45.0), float(mode.covariance[2, 2]))
+            for mode in hold.modes
         ]
         return sum(likely) > HARDLY
 

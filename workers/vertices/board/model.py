@@ -18,8 +18,10 @@ EDGE_M = 0.0035
 # A beam leaves the sensor 9.5 mm wide (data sheets: OS1 9.5 mm, VLP-16 9.5 x 12.7 mm). Where within it a board's edge
 # still answers depends on what stands behind that edge: the edge's position is uniform over the width.
 BEAM_M = 0.0095 / math.sqrt(12.0)
-# People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
-_ROLL_SIGMA = math.radians(20.0) / 2.8
+MOST_ROLL_RAD = math.radians(20.0)
+"""How far people roll a board from how it is held."""
+# The grid of rolls reaches 2.8 standard deviations to either side.
+_ROLL_SIGMA = MOST_ROLL_RAD / 2.8
 _YAW_SIGMA = 0.6
 # Radians from the rest angle: wider than any prior reaches, in steps that a person's spread of rolls covers several
 # times.
