@@ -102,19 +102,19 @@ def judge_mount(
 
 def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
     turned, is_far = summits.turned, summits.apart_deg > FAR_DEG
+    if not turned.is_summit:
+        return _no_verdict(
+            f"No turn within {REACH_DEG:.0f} degrees fits: edges are few, or the mount is farther off."
+        )
     leads = [turned.lead_over(other) / CLEAR for other in (*summits.near, *((summits.aimed,) if is_far else ()))]
     leads += [turned.lead_over(other) / (CLEAR if is_far else _CLEAR_OF_FAR) for other in summits.far]
-    unclear = ""
-    if not turned.is_summit:
-        unclear = f"No turn within {REACH_DEG:.0f} degrees fits: edges are few, or the mount is farther off."
-    elif min(leads, default=1.0) < 1.0:
-        unclear = "Depth edges fit in several places about equally well."
-    if unclear:
-        judged, here = _no_verdict(unclear), (*summits.near, summits.aimed, summits.rolled)
-        if not is_far or any(turned.lead_over(other) <= _CLEAR_OF_HERE for other in here):
-            return judged
-        better = f"Better places than the deployed one are more than {FAR_DEG:g} degrees away"
-        return judged._replace(verdict="look", sentence=f"{unclear} {better}: the mount may be far off.")
+    if min(leads, default=1.0) < 1.0:
+        several = "Depth edges fit in several places about equally well."
+        here = (*summits.near, summits.aimed, summits.rolled)
+        if is_far and all(turned.lead_over(other) > _CLEAR_OF_HERE for other in here):
+            all_far = f"All lie more than {FAR_DEG:g} degrees away: the mount may be far off."
+            return _no_verdict(several)._replace(verdict="look", sentence=f"{several} {all_far}")
+        return _no_verdict(several)
     if is_far:
         return _far_off(summits, gravest)
     # Three turns at once are believed where they lead fewer turns clearly: noise finds a place for three more easily.
