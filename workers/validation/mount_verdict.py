@@ -19,9 +19,6 @@ from workers.validation.road_verdict import contradiction
 CLEAR: Final = 2.0
 # A place next to the deployed mount needs less of a lead over places far off, where mounts rarely are.
 _CLEAR_OF_FAR: Final = 1.0
-# By chance the best of a thousand places, as many as REACH_DEG holds, leads a given one by 3.2 +- 0.35 deviations:
-# the largest of so many normal values (Fisher and Tippett 1928).
-_CLEAR_OF_HERE: Final = 4.0
 # A mount that is off by more is far off, and its figures are to a degree.
 FAR_DEG: Final = 1.5
 ABOUT_DEG: Final = 1.0
@@ -109,12 +106,7 @@ def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
     leads = [turned.lead_over(other) / CLEAR for other in (*summits.near, *((summits.aimed,) if is_far else ()))]
     leads += [turned.lead_over(other) / (CLEAR if is_far else _CLEAR_OF_FAR) for other in summits.far]
     if min(leads, default=1.0) < 1.0:
-        several = "Depth edges fit in several places about equally well."
-        here = (*summits.near, summits.aimed, summits.rolled)
-        if is_far and all(turned.lead_over(other) > _CLEAR_OF_HERE for other in here):
-            all_far = f"All lie more than {FAR_DEG:g} degrees away: the mount may be far off."
-            return _no_verdict(several)._replace(verdict="look", sentence=f"{several} {all_far}")
-        return _no_verdict(several)
+        return _no_verdict("Depth edges fit in several places about equally well.")
     if is_far:
         return _far_off(summits, gravest)
     # Three turns at once are believed where they lead fewer turns clearly: noise finds a place for three more easily.
@@ -192,9 +184,6 @@ def _with_lanes(judged: MountVerdict, lanes: dict[str, Any]) -> MountVerdict:
             edges |= {f"{axis.axis}_deg": axis.turn_deg, f"sigma_{axis.axis}_deg": axis.sigma_deg}
     if turns := contradiction(edges, lanes):
         return _no_verdict(f"Depth edges and lane markers contradict each other: {turns}.")
-    are_all_open = all(axis.verdict == "not_told" for axis in judged.axes)
-    if lanes["verdict"] == "agrees" and judged.verdict == "look" and are_all_open:
-        return _no_verdict("Depth edges and lane markers contradict each other: markers lie on their paint.")
     if lanes["verdict"] == "disagrees":
         if judged.verdict in ("look", "stop"):
             return judged
