@@ -236,7 +236,7 @@ def test_an_engineer_deletes_what_was_never_published(sign_in: SignIn, track: Tr
     expect(page.get_by_role("heading", level=1, name="Discarded")).to_be_visible()
     expect(page.get_by_role("heading", name="Calibrations")).to_have_count(0)
     rigs = page.locator("details").filter(has_text="LiDAR")
-    rigs.locator("summary").first.click()
+    rigs.locator("summary").first.press("Enter")
     rigs.get_by_role("button", name="Delete", exact=True).click()
     expect(page.get_by_text("A rig says which LiDAR and cameras")).to_be_visible()
     page.get_by_role("button", name="Delete", exact=True).click()

@@ -122,7 +122,7 @@ def test_what_a_cameras_images_are_is_corrected_on_the_rigs_panel(sign_in: SignI
     page = sign_in("Lars", "engineer")
     for choice, kind in (("rectified", "rectified"), ("raw", "raw"), ("as the next recording tells", None)):
         page.goto(f"{track.url}/vehicles/{vehicle.id}")
-        page.locator("summary").filter(has_text="LiDAR velodyne").click()
+        page.locator("summary").filter(has_text="LiDAR velodyne").press("Enter")
         page.get_by_label("Images of front").select_option(choice)
         wait_until(lambda kind=kind: kind_of_images(track, rig.id) == kind, f"{choice} is stored")
         expect(page.get_by_label("Images of front").locator("option:checked")).to_have_text(choice)
