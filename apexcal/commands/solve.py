@@ -45,6 +45,7 @@ from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import RigOut
 from apexcal.documents.recordings import RecordingView
+from apexcal.documents.rules import LensUse
 from apexcal.embedded.serving import serving
 from apexcal.errors import ApiError
 from apexcal.rigs import read_rig
@@ -74,6 +75,7 @@ def solve(
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
     intrinsics: IntrinsicsOption = None,
+    intrinsics_as: LensUse | None = None,
     lock: LockOption = None,
     accept: AcceptOption = False,
     fleet: str = "",
@@ -95,6 +97,7 @@ def solve(
         corner: Which corner of the board is looked for: see `apexcal detect`.
         description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
         machine_marks: The machine marks and nobody looks. With --board and few poses it marks all four corners.
+        intrinsics_as: How the stated lens is used, as in `apexcal calibrate`: free fits another. Otherwise auto.
         yes: Do not ask whether to use the clock offset that the times of recording tell.
         fleet: Fleet, by name; a new name makes one.
         vehicle: Vehicle, by name; a new name makes one. Otherwise it bears the name of the recording's file.
@@ -138,7 +141,7 @@ def solve(
             complain("the machine's marks contradict the rig's mount", of_machine.warning)
         elif not of_machine.marked:
             complain("the machine marked nothing, so there is nothing to calibrate from", " ".join(left))
-        terms = {"detection": detection, "machine_marks": machine_marks, "lock": lock}
+        terms = {"detection": detection, "machine_marks": machine_marks, "lock": lock, "intrinsics_as": intrinsics_as}
         calibration: CalibrationView = calibrate.calibrate(session, camera=[name], **terms).document
         summary = calibration.summary.cameras[name] if calibration.summary else None
         model = summary.models.get(summary.recommended or "") if summary else None

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckTopic, figure
+from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
 from apexcal.documents.results import FitResult
 from workers.judge.causes import CLOCK, LENS, SHUTTER, Finding
 from workers.judge.effects import Effect, PointsOfUse
@@ -18,12 +18,14 @@ from workers.judge.topics import LOOK_RATE, graded
 from workers.solver.error_model import weighed
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import transform_of
+from workers.solver.stated_lens import lens_origin
 from workers.solver.weighting import whitened
 
 _LENS: Final = CheckTopic("lens_model", "Lens model")
 _BOUNDS: Final = CheckTopic("bounds", "Bounds of the parameters")
 _PRIORS: Final = CheckTopic("priors", "Priors")
 _STATED: Final = CheckTopic("stated_lens", "Stated lens")
+_FREE: Final = "If not, calibrate with a free one (--intrinsics-as free)."
 _NOTHING_LEFT: Final = 1e-6  # of a prior's variance, as far as rounding goes: the pairs say nothing of the parameter
 
 
@@ -42,14 +44,18 @@ def lens_model(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
     inside = transform_of(problem, p).apply(problem.points[used])
     angles = np.degrees(np.arctan2(np.hypot(inside[:, 0], inside[:, 1]), inside[:, 2]))
     angle = float(angles[int(np.argmin(np.abs(size - largest_px)))])
-    model = estimate.fitted.model
+    is_stated = lens_origin(estimate.fitted) == "stated"
+    what = "stated lens" if is_stated else f"lens model {estimate.fitted.model}"
     return _LENS.fails(
-        graded(test.probability, effect) if finding.is_named else "pass",
-        f"The lens model {model} does not fit this lens: points at 5 to 50 m are off by {figure(effect.estimate)} "
-        f"times the limit. Residuals have a pattern of up to {figure(largest_px)} px {angle:.0f} degrees off axis."
+        _lens_verdict(finding),
+        f"The {what} does not fit {'these pairs' if is_stated else 'this lens'}: points at 5 to 50 m are off by "
+        f"{figure(effect.estimate)} times the limit. Residuals have a pattern of up to {figure(largest_px)} px "
+        f"{angle:.0f} degrees off axis."
         if finding.is_named
-        else f"The lens model {model} fits: the residuals have no pattern beyond chance.",
-        "Does another model fit better? Calibrate with the other models and compare them.",
+        else f"The {what} fits: the residuals have no pattern beyond chance.",
+        f"Is it the lens of images like these: of this size, raw or rectified? {_FREE}"
+        if is_stated
+        else "Does another model fit better? Calibrate with the other models and compare them.",
         probability=test.probability,
         pattern_px=largest_px,
         pattern_at_deg=angle,
@@ -57,6 +63,11 @@ def lens_model(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
         over_limit=effect.estimate,
         at_least=effect.at_least,
     )
+
+
+def _lens_verdict(finding: Finding | None) -> CheckVerdict:
+    """Return what a pattern of the residuals says of the lens, if no rival explains more."""
+    return graded(finding.test.probability, finding.effect) if finding and finding.is_named else "pass"
 
 
 def bounds(result: FitResult) -> Check:
@@ -175,13 +186,20 @@ def stated_lens(result: FitResult, causes: Mapping[str, Finding]) -> Check:
             rms_px=stated.rms_px,
             free_lens_rms_px=stated.free_lens_rms_px,
         )
+    if stated.explains and result.lens == "stated" and _lens_verdict(causes.get(LENS)) != "pass":
+        return _STATED.not_checked(
+            "The residuals show another lens, which these pairs do not tell well enough to compare the stated one with.",
+            f"Is it this camera's lens? {_FREE}",
+            rms_px=stated.rms_px,
+            free_lens_rms_px=stated.free_lens_rms_px,
+        )
     fitted = result.lens == "fitted"
     return _STATED.fails(
         "pass" if stated.explains else "look" if fitted else "stop",
         stated.sentence,
         "Does the vehicle project through the stated lens? Then load the fitted one on it."
         if fitted
-        else "Is it this camera's lens? If not, calibrate with a free one (--intrinsics-as free).",
+        else f"Is it this camera's lens? {_FREE}",
         rms_px=stated.rms_px,
         free_lens_rms_px=stated.free_lens_rms_px,
     )

@@ -113,6 +113,20 @@ def test_a_stated_lens_that_does_not_explain_the_pairs_stops_a_result_that_rests
     assert free["stated_lens"].verdict == ("pass" if factor == 1.0 else "look")
 
 
+def test_a_stated_lens_is_not_passed_where_the_residuals_show_another():
+    names = ("f_x", "f_y", "c_x", "c_y")
+    values = dict(zip(names, lens_of("pinhole").tolist(), strict=True)) | {"f_x": 1.05 * lens_of("pinhole")[0]}
+    stated = {"model": "pinhole", **values, "image_size": list(SIZE)}
+    found, result = ended(*rig("pinhole", locked=values, stated_lens=stated))
+    assert result.stated_lens
+    # As if the pairs told a lens of their own too badly to compare the two.
+    unsure = result.model_copy(update={"stated_lens": result.stated_lens.model_copy(update={"explains": True})})
+    checks = {check.name: check for check in checks_of_fit(found, unsure, pairs={})}
+    assert checks["lens_model"].verdict == "stop" and "The stated lens does not fit" in checks["lens_model"].sentence
+    assert "--intrinsics-as free" in checks["lens_model"].remedy
+    assert checks["stated_lens"].verdict == "not_checked"
+
+
 def test_a_stated_lens_that_no_model_here_is_is_said_with_the_reason():
     unused = {"unused": "no model here is 'plumb_bob' with 12 coefficients"}
     check = checked(*rig("pinhole", stated_lens=unused))["stated_lens"]

@@ -16,8 +16,7 @@ def test_the_upper_corners_of_a_turned_chessboard_are_found_and_none_is_wrong_fo
     recorded = chessboard_poses(0, 12)
     true = recorded.left if upper_corner == 1 else recorded.right
     options = {"board_width_m": EDGES_M[0], "board_height_m": EDGES_M[1], "upper_corner": upper_corner}
-    loose = options | {"max_sigma_deg": 0.5}
-    found = detect_range(recorded.source, _REGION, "refined", loose, indices=range(12), still=True)
+    found = detect_range(recorded.source, _REGION, "refined", options, indices=range(12), still=True)
     assert len(found.vertices) >= 10
     for vertex in found.vertices:
         off = (angles(vertex.xyz) - angles(true[vertex.sweep_index]))[0, :2]
