@@ -30,10 +30,12 @@ class DetectorWords(NamedTuple):
     reasons: Mapping[str, str]
 
 
-# A top corner that is known worse is rare, and the walk has better ones.
-_MOST_SIGMA_DEG: Final = 0.15
-# A level edge between two rings that are 2 degrees apart (data sheet of the VLP-16) is known by 2 / sqrt(12) degrees.
-_MOST_UPPER_SIGMA_DEG: Final = 0.58
+MOST_SIGMA_DEG: Final = 0.15
+"""Of a walk's corners: one that is known worse tells little beside its better ones."""
+MOST_UPPER_SIGMA_DEG: Final = 0.58
+"""Of still poses, which are few: a level edge between rings 2 degrees apart (data sheet of the VLP-16) is known by
+2 / sqrt(12) degrees.
+"""
 _UP = (
     "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground "
     "tells. State it if the LiDAR is tilted by more than 35 degrees, or another corner is taken for the top one"
@@ -106,7 +108,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
                 0.0,
                 2.0,
                 "largest standard deviation of an accepted corner in degrees, azimuth and elevation together; 0: "
-                f"{_MOST_SIGMA_DEG:g} for the top corner, {_MOST_UPPER_SIGMA_DEG:g} for an upper one",
+                f"{MOST_SIGMA_DEG:g}, or {MOST_UPPER_SIGMA_DEG:g} for an upper corner in still poses",
             ),
         },
         {
@@ -208,8 +210,6 @@ def resolve_options(detector: str, overrides: Mapping[str, Any] | None = None) -
                 f"Give {'an integer' if whole else 'a number'} from {option.minimum} to {option.maximum}.",
             )
         resolved[name] = value if whole else float(value)
-    if resolved.get("max_sigma_deg") == 0.0:
-        resolved["max_sigma_deg"] = _MOST_UPPER_SIGMA_DEG if resolved["upper_corner"] else _MOST_SIGMA_DEG
     if resolved.get("upper_corner") and not (resolved["board_width_m"] and resolved["board_height_m"]):
         raise DocumentError(
             "invalid_options",

@@ -15,7 +15,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.detectors import DetectorName, Options, parse_detector, resolve_options
+from apexcal.documents.detectors import (
+    MOST_SIGMA_DEG,
+    MOST_UPPER_SIGMA_DEG,
+    DetectorName,
+    Options,
+    parse_detector,
+    resolve_options,
+)
 from workers.readers.recording import Sweep
 from workers.vertices.board.refined import run as run_refined
 from workers.vertices.cut_angle import find_cut, run_cut
@@ -190,6 +197,9 @@ def detect_range(
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start)) if has_rings else None
     cut = find_cut(source, region) if poses is None and has_rings else None
     facts = None if poses is None else poses.facts()
+    if resolved.get("max_sigma_deg") == 0.0:
+        is_upper_in_poses = poses is not None and resolved["upper_corner"]
+        resolved["max_sigma_deg"] = MOST_UPPER_SIGMA_DEG if is_upper_in_poses else MOST_SIGMA_DEG
     if not has_rings:
         answers, facts = run_ringless(source, region, resolved, wider, still, report)
     elif cut is not None:

@@ -122,11 +122,3 @@ def test_bad_options_are_refused(name, options, code):
     with pytest.raises(DocumentError) as caught:
         resolve_options(name, options)
     assert caught.value.code == code
-
-
-def test_an_upper_corner_may_be_as_uncertain_as_rings_leave_it_unless_somebody_says_otherwise():
-    upper = {"board_width_m": 1.1, "board_height_m": 0.95, "upper_corner": -1}
-    assert resolve_options("refined")["max_sigma_deg"] == 0.15
-    assert resolve_options("refined", upper)["max_sigma_deg"] == 0.58
-    assert resolve_options("refined", upper | {"max_sigma_deg": 0.2})["max_sigma_deg"] == 0.2
-    assert "max_sigma_deg" not in resolve_options("tolerant")
