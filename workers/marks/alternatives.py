@@ -3,7 +3,8 @@
 A rim, its shadow, a pattern or an edge of the background may run beside the board's edge, and one frame cannot tell
 which of them is the board's. Two kinds of lines are told apart by all frames of a recording. Sharpening adds the same
 profile beside the edge in every frame; it is no edge. A line that lies equally far inside in half of the frames,
-farther than a board is thick, belongs to the pattern.
+farther than a board is thick, belongs to the pattern. A pattern is seen in all frames: where its line is missing
+inside, the measured line is that line, as with a white margin before a white wall, and the board ends farther outside.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from apexcal.documents.corners import CornerName
 from apexcal.documents.crops import LEAST_SHIFT_PX
@@ -39,6 +41,11 @@ _REPEATED: Final = 0.5  # share of the frames
 _FEWEST_ALIKE: Final = 4  # frames; if lines of the background meet each of six by chance (0.3), one in 14 times
 _THICKEST_M: Final = 0.012
 """Boards of foam, composite and plywood are 3 to 12 mm thick, so their rim may lie this far inside."""
+_GRID_M: Final = 0.0025
+_AS_STRONG: Final = 2.0
+"""The measured line may be the pattern's if neither is stronger than the other by more than this: a line of half of
+the strongest one's strength would not be missed (`_LEAST`).
+"""
 _SECOND: Final = 0.25
 """A corner stays open if a second place, more than `LEAST_SHIFT_PX` away, has at least this share. Four of 75 corners
 of `vlp16-diamond-board` have one; in all four the measured place is 4 to 8 px off, and the second within 2 px."""
@@ -100,30 +107,115 @@ def mixed(
     """
     shape = _shape([changes for beside in besides.values() for changes in beside.changes])
     edges = {key: [_edges(changes, shape) for changes in beside.changes] for key, beside in besides.items()}
+    names = {name for _, name in besides}
+    patterns = {
+        (name, side): _pattern_line([_seen(besides[key], edges[key], side) for key in besides if key[1] == name])
+        for name in names
+        for side in range(2)
+    }
     mixtures: dict[tuple[int, CornerName], CornerFit] = {}
     for key, fit in fits.items():
         alike = [other for other in besides if other[1] == key[1]]
-        sides: list[tuple[Floats, Floats, float]] = []
+        sides: list[_Side] = []
         for side, (offsets, weights) in enumerate(edges[key]):
             scale = float(besides[key].px_per_m[side])
+            pattern = patterns[key[1], side]
+            if pattern is not None and pattern.is_measured(_seen(besides[key], edges[key], side)):
+                sides.append(_Side(np.zeros(1), np.ones(1), 0.0, -pattern.inside_m * scale, pattern.scatter_px**2))
+                continue
             others = [(edges[other][side][0], besides[other].px_per_m[side] / scale) for other in alike]
             is_board = np.array([_may_be_board(offset, scale, others) for offset in offsets.tolist()], np.bool_)
             rim_px = max(_OWN_PX, _THICKEST_M * scale)
             odds = np.where(offsets < -rim_px, weights**_OUTSIDE, weights) * is_board
-            sides.append((offsets, odds / max(float(odds.sum()), 1e-9), rim_px))
+            sides.append(_Side(offsets, odds / max(float(odds.sum()), 1e-9), rim_px))
         mixtures[key] = _mixture(fit, np.sign(besides[key].inward), sides)
     return mixtures
 
 
-def _mixture(fit: CornerFit, inward: Floats, sides: Sequence[tuple[Floats, Floats, float]]) -> CornerFit:
-    """Return a corner as a mixture. ``sides``: each edge's offsets, their shares, and a rim's largest offset, px."""
+class _Side(NamedTuple):
+    """An edge's offsets (K,) px and their shares (K,), and a rim's largest offset, px.
+
+    ``shift_px``, ``variance``: where the board ends against the measured line, if that is the pattern's.
+    """
+
+    offsets: Floats
+    share: Floats
+    rim_px: float
+    shift_px: float = 0.0
+    variance: float = 0.0
+
+
+class _Seen(NamedTuple):
+    """Both an edge's lines inside of the measured one, px and levels a pixel, and the measured one's strength.
+
+    ``px_per_m``: pixels across the edge for a metre.
+    """
+
+    inside_px: Floats
+    strengths: Floats
+    own: float
+    px_per_m: float
+
+    def near(self, at_px: float) -> NDArray[np.bool_]:
+        """Return which lines lie so far inside, as far as a frame's scale is known."""
+        return np.abs(self.inside_px - at_px) <= _SAME_PX + _SAME_SHARE * at_px
+
+
+def _seen(beside: Beside, edges: tuple[Floats, Floats], side: int) -> _Seen:
+    offsets, weights = edges[side]
+    is_inside = offsets > 0.0
+    levels = float(np.abs(beside.changes[side]).max())
+    return _Seen(
+        offsets[is_inside], levels * weights[is_inside], levels * float(weights[0]), float(beside.px_per_m[side])
+    )
+
+
+class _PatternLine(NamedTuple):
+    """The line of a board's pattern nearest to an edge: metres inside, its scatter px, and levels a pixel."""
+
+    inside_m: float
+    scatter_px: float
+    strength: float
+
+    def is_measured(self, seen: _Seen) -> bool:
+        """Return whether this line was measured in a frame: it is as strong, and no such line lies inside."""
+        at_px = self.inside_m * seen.px_per_m
+        is_told = _SAME_PX + _SAME_SHARE * at_px < at_px < _SEEN_PX - _SAME_PX
+        is_as_strong = self.strength / _AS_STRONG < seen.own < self.strength * _AS_STRONG
+        return is_told and is_as_strong and not seen.near(at_px).any()
+
+
+def _pattern_line(frames: Sequence[_Seen]) -> _PatternLine | None:
+    """Return the line that lies equally far inside in most of the frames that reach so far, if in enough of them."""
+    lines_m = np.concatenate([np.zeros(0), *(frame.inside_px / frame.px_per_m for frame in frames)])
+    best: list[tuple[float, float, float]] = []
+    for at_m in (_GRID_M * np.unique(np.rint(lines_m[lines_m > _THICKEST_M] / _GRID_M))).tolist():
+        reached = [frame for frame in frames if at_m * frame.px_per_m < _SEEN_PX - _SAME_PX]
+        same: list[tuple[float, float, float]] = []
+        for frame in reached:
+            near = frame.near(at_m * frame.px_per_m)
+            if near.any():
+                strongest = int(np.argmax(np.where(near, frame.strengths, 0.0)))
+                px, scale = float(frame.inside_px[strongest]), frame.px_per_m
+                same.append((px / scale, px - at_m * scale, float(frame.strengths[strongest])))
+        if len(same) >= max(_FEWEST_ALIKE, _REPEATED * len(reached)) and len(same) > len(best):
+            best = same
+    if not best:
+        return None
+    inside_m, off_px, strength = np.array(best).T
+    scatter_px = 1.4826 * float(np.median(np.abs(off_px - np.median(off_px))))
+    return _PatternLine(float(np.median(inside_m)), max(scatter_px, STEP_PX), float(np.median(strength)))
+
+
+def _mixture(fit: CornerFit, inward: Floats, sides: Sequence[_Side]) -> CornerFit:
+    """Return a corner as a mixture over the lines of both edges."""
     means, variances = np.zeros(2), np.zeros(2)
     places: list[SecondPlace] = []
     across = np.linalg.inv(fit.normals) * inward
-    for side, (offsets, share, rim_px) in enumerate(sides):
+    for side, (offsets, share, rim_px, shift_px, variance) in enumerate(sides):
         is_rim = (offsets > 0.0) & (offsets <= rim_px)
-        means[side] = share[is_rim] @ offsets[is_rim]
-        variances[side] = share @ (offsets - means[side]) ** 2
+        means[side] = shift_px + share[is_rim] @ offsets[is_rim]
+        variances[side] = variance + share @ (offsets - (means[side] - shift_px)) ** 2
         away = offsets[:, None] * across[:, side]
         is_far = (np.hypot(*away.T) > LEAST_SHIFT_PX) & (share >= _SECOND)
         places += [SecondPlace(fit.pixel + away[at], float(share[at])) for at in np.flatnonzero(is_far)]

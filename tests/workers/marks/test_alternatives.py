@@ -91,3 +91,28 @@ def test_an_edge_that_changes_its_sign_is_an_edge():
     image[110:] += 130.0 * (1.0 - cover[110:])
     (fit,) = corners([image])
     assert deviation(fit) < 0.6
+
+
+def chessboard(seed, contrast):
+    """A board whose white margin of 3.5 px stands out by this contrast, and its dark pattern."""
+    pattern = (TIP[0], TIP[1] + 3.5 * DOWN)
+    return painted(TIP, ANGLES, contrast, 0.8, 1.0, seed) + painted(pattern, ANGLES, -80.0, 0.8, 0.0, seed) - 110.0
+
+
+def test_where_a_white_margin_stands_before_a_white_wall_the_corner_is_that_of_the_board_and_not_of_its_pattern():
+    """On a public recording of a chessboard (36 poses, margins of 25 mm) 12 of 77 corners were 3 px inside."""
+    seen = [chessboard(seed, 60.0) for seed in range(8)]
+    blended = [chessboard(20 + seed, 0.0) for seed in range(2)]
+    fits = corners([*seen, *blended], scales=[250.0] * 10)
+    for fit in fits:
+        assert np.hypot(*(fit.pixel - TIP)) < 0.7
+    assert all(deviation(fit) > 0.4 for fit in fits[8:])
+    # By themselves nothing tells that these are lines of a pattern.
+    assert all(np.hypot(*(fit.pixel - TIP)) > 3.0 for fit in corners(blended, scales=[250.0] * 2))
+
+
+def test_a_line_that_is_stronger_than_the_patterns_is_not_taken_for_it():
+    """Beside so bright an edge the pattern's line is hardly seen, and its absence says nothing."""
+    seen = [chessboard(seed, 60.0) for seed in range(8)]
+    *_, bright = corners([*seen, painted(TIP, ANGLES, 200.0, 0.8, 1.0, 30) - 60.0], scales=[250.0] * 9)
+    assert np.hypot(*(bright.pixel - TIP)) < 0.7
