@@ -4,7 +4,7 @@ A rim, its shadow, a pattern or an edge of the background may run beside the boa
 which of them is the board's. Two kinds of lines are told apart by all frames of a recording. Sharpening adds the same
 profile beside the edge in every frame; it is no edge. A line that lies equally far inside in half of the frames,
 farther than a board is thick, belongs to the pattern. A pattern is seen in all frames: where its line is missing
-inside, the measured line is that line, as with a white margin before a white wall, and the board ends farther outside.
+inside, the measured line is that line, as with a white margin before a white wall, and the board ends outside of it.
 """
 
 from __future__ import annotations
@@ -107,10 +107,11 @@ def mixed(
     """
     shape = _shape([changes for beside in besides.values() for changes in beside.changes])
     edges = {key: [_edges(changes, shape) for changes in beside.changes] for key, beside in besides.items()}
-    names = {name for _, name in besides}
     patterns = {
-        (name, side): _pattern_line([_seen(besides[key], edges[key], side) for key in besides if key[1] == name])
-        for name in names
+        (name, side): _pattern_line(
+            [_lines_inside(besides[key], edges[key], side) for key in besides if key[1] == name]
+        )
+        for name in {name for _, name in besides}
         for side in range(2)
     }
     mixtures: dict[tuple[int, CornerName], CornerFit] = {}
@@ -120,7 +121,7 @@ def mixed(
         for side, (offsets, weights) in enumerate(edges[key]):
             scale = float(besides[key].px_per_m[side])
             pattern = patterns[key[1], side]
-            if pattern is not None and pattern.is_measured(_seen(besides[key], edges[key], side)):
+            if pattern is not None and pattern.is_measured(_lines_inside(besides[key], edges[key], side)):
                 sides.append(_Side(np.zeros(1), np.ones(1), 0.0, -pattern.inside_m * scale, pattern.scatter_px**2))
                 continue
             others = [(edges[other][side][0], besides[other].px_per_m[side] / scale) for other in alike]
@@ -145,8 +146,8 @@ class _Side(NamedTuple):
     variance: float = 0.0
 
 
-class _Seen(NamedTuple):
-    """Both an edge's lines inside of the measured one, px and levels a pixel, and the measured one's strength.
+class _LinesInside(NamedTuple):
+    """An edge's lines inside of the measured one, px and levels a pixel, and the measured one's strength.
 
     ``px_per_m``: pixels across the edge for a metre.
     """
@@ -161,11 +162,11 @@ class _Seen(NamedTuple):
         return np.abs(self.inside_px - at_px) <= _SAME_PX + _SAME_SHARE * at_px
 
 
-def _seen(beside: Beside, edges: tuple[Floats, Floats], side: int) -> _Seen:
+def _lines_inside(beside: Beside, edges: tuple[Floats, Floats], side: int) -> _LinesInside:
     offsets, weights = edges[side]
     is_inside = offsets > 0.0
     levels = float(np.abs(beside.changes[side]).max())
-    return _Seen(
+    return _LinesInside(
         offsets[is_inside], levels * weights[is_inside], levels * float(weights[0]), float(beside.px_per_m[side])
     )
 
@@ -177,15 +178,15 @@ class _PatternLine(NamedTuple):
     scatter_px: float
     strength: float
 
-    def is_measured(self, seen: _Seen) -> bool:
+    def is_measured(self, lines: _LinesInside) -> bool:
         """Return whether this line was measured in a frame: it is as strong, and no such line lies inside."""
-        at_px = self.inside_m * seen.px_per_m
+        at_px = self.inside_m * lines.px_per_m
         is_told = _SAME_PX + _SAME_SHARE * at_px < at_px < _SEEN_PX - _SAME_PX
-        is_as_strong = self.strength / _AS_STRONG < seen.own < self.strength * _AS_STRONG
-        return is_told and is_as_strong and not seen.near(at_px).any()
+        is_as_strong = self.strength / _AS_STRONG < lines.own < self.strength * _AS_STRONG
+        return is_told and is_as_strong and not lines.near(at_px).any()
 
 
-def _pattern_line(frames: Sequence[_Seen]) -> _PatternLine | None:
+def _pattern_line(frames: Sequence[_LinesInside]) -> _PatternLine | None:
     """Return the line that lies equally far inside in most of the frames that reach so far, if in enough of them."""
     lines_m = np.concatenate([np.zeros(0), *(frame.inside_px / frame.px_per_m for frame in frames)])
     best: list[tuple[float, float, float]] = []
