@@ -122,7 +122,8 @@ def _perspective_camera(P: Floats, points: Floats, marks: Floats, centre: Floats
     upper = flip @ U.T @ flip
     signs = np.diag(np.sign(np.diag(upper)))
     K, R = upper @ signs, signs @ flip @ Q.T
-    if abs(K[2, 2]) < 1e-9 or np.linalg.det(R) < 0.0:
+    # Marks in one place or on one line are projected by a matrix that no camera has.
+    if np.abs(np.diag(K)).min() < 1e-9 or np.linalg.det(R) < 0.0:
         return None
     t = np.asarray(np.linalg.solve(K, P[:, 3]), dtype=np.float64)
     f_x, f_y, c_x, c_y = (np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]) / K[2, 2]).tolist()
