@@ -213,7 +213,7 @@ def _from_candidates(
             "of the board were found, in others lines of its pattern.",
         )
     mixtures = with_alternatives(measured, besides)
-    answers = _answers(task, measured, mixtures, camera)
+    answers = _answers(task, mixtures, camera)
     return MachineMarks(answers, _refit(task, mixtures, camera)[0], offset_s=task.offset_s)
 
 
@@ -250,13 +250,18 @@ def _refit(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -
     return again, float(np.median([fit.softness_px for _, fit, _ in fits]))
 
 
-def _answers(
-    task: MarkTask, measured: dict[int, Measured], mixtures: dict[int, Measured], camera: MountedLens
-) -> Answers:
+def _answers(task: MarkTask, mixtures: dict[int, Measured], camera: MountedLens) -> Answers:
     """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none.
 
-    Other edges excuse no distance from the mount: it is judged without them.
+    Other edges excuse no distance from the mount: it is judged without what they add to the covariance.
     """
+    measured: dict[int, Measured] = {
+        index: {
+            name: fit._replace(ambiguity=np.zeros((2, 2))) if isinstance(fit, CornerFit) else fit
+            for name, fit in corners.items()
+        }
+        for index, corners in mixtures.items()
+    }
     scores = _scores(task, measured, camera)
     scale = max(1.0, _scatter(list(scores.values())))
     answers: Answers = []
