@@ -173,10 +173,10 @@ class _LinesBeside(NamedTuple):
         return np.abs(self.inside_px - at_px) <= _SAME_PX + _SAME_SHARE * at_px
 
     def ends_outside(self, at_px: float) -> bool:
-        """Return whether the image changes so far outside more than it does elsewhere outside."""
+        """Return whether the image changes so far outside more than elsewhere outside, and more than nearer by."""
         away = STEP_PX * np.arange(1, len(self.outside) + 1)
         there = self.outside[np.abs(away - at_px) <= _SAME_PX]
-        return float(there.max()) > _STANDS_OUT * float(np.median(self.outside))
+        return bool(there.argmax() > 0 and there.max() > _STANDS_OUT * np.median(self.outside))
 
 
 def _lines_beside(beside: Beside, edges: tuple[Floats, Floats], shape: Floats, side: int) -> _LinesBeside:
