@@ -203,7 +203,7 @@ class _PatternLine(NamedTuple):
         Where a rim or its shadow was measured, the pattern lies a little nearer or farther inside.
         """
         at_px, least = self.inside_m * lines.px_per_m, self.strength / _AS_STRONG
-        is_told = _SAME_PX + _SAME_SHARE * at_px < at_px < _SEEN_PX - _SAME_PX
+        is_told = _SAME_PX + _SAME_SHARE * at_px < at_px < REACH_PX and not lines.near(at_px).any()
         is_about = np.abs(np.log2(lines.inside_px / at_px)) < 1.0
         about = float(lines.strengths[is_about].sum())
         return is_told and about < least < lines.own < self.strength * _AS_STRONG
