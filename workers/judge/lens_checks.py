@@ -188,7 +188,7 @@ def stated_lens(result: FitResult, causes: Mapping[str, Finding]) -> Check:
         )
     if stated.explains and result.lens == "stated" and _lens_verdict(causes.get(LENS)) != "pass":
         return _STATED.not_checked(
-            "The residuals show another lens, which these pairs tell too badly to compare the stated one with.",
+            "The residuals show another lens. These pairs do not tell it well enough to compare the two.",
             f"Is it this camera's lens? {_FREE}",
             rms_px=stated.rms_px,
             free_lens_rms_px=stated.free_lens_rms_px,

@@ -52,8 +52,8 @@ class LinesBeside(NamedTuple):
     px_per_m: float
 
     def near(self, at_px: float) -> NDArray[np.bool_]:
-        """Return which lines lie so far inside, as far as a frame's scale is known."""
-        return np.abs(self.inside_px - at_px) <= SAME_PX + SAME_SHARE * at_px
+        """Return which lines lie so far inside."""
+        return _is_same(self.inside_px, at_px)
 
     def ends_outside(self, at_px: float) -> bool:
         """Return whether the image changes so far outside more than elsewhere outside, and more than nearer by."""
@@ -130,5 +130,10 @@ def is_repeated(offset: float, others: Sequence[tuple[Floats, float]]) -> bool:
     ``others``: offsets and scale of the other frames, each scale over this frame's.
     """
     reached = [(offsets, offset * scale) for offsets, scale in others if offset * scale < SEEN_PX - SAME_PX]
-    same = sum(bool(np.any(np.abs(offsets - at) <= SAME_PX + SAME_SHARE * at)) for offsets, at in reached)
+    same = sum(bool(_is_same(offsets, at_px).any()) for offsets, at_px in reached)
     return same >= max(_FEWEST_ALIKE, _REPEATED * len(reached))
+
+
+def _is_same(offsets: Floats, at_px: float) -> NDArray[np.bool_]:
+    """Return which offsets (K,) px are this one, as far as a frame's scale across an edge is known."""
+    return np.abs(offsets - at_px) <= SAME_PX + SAME_SHARE * at_px

@@ -101,8 +101,8 @@ def chessboard(seed, contrast):
 
 def test_where_a_white_margin_hardly_stands_out_the_corner_is_that_of_the_board_and_not_of_its_pattern():
     """On a public recording of a chessboard (36 poses, margins of 25 mm) 12 of 77 corners were 3 px inside."""
-    seen = [chessboard(seed, 60.0) for seed in range(8)]
-    *others, fit = corners([*seen, chessboard(20, 8.0)], scales=[250.0] * 9)
+    others = [chessboard(seed, 60.0) for seed in range(8)]
+    *others, fit = corners([*others, chessboard(20, 8.0)], scales=[250.0] * 9)
     assert fit.second is None and np.hypot(*(fit.pixel - TIP)) < 0.7 and deviation(fit) > 0.4
     assert max(float(np.hypot(*(one.pixel - TIP))) for one in others) < 0.4
     # By itself nothing tells that this is a line of a pattern.
@@ -119,6 +119,6 @@ def test_where_nothing_shows_the_margin_both_places_are_within_what_is_stated():
 
 def test_a_line_that_is_stronger_than_the_patterns_is_not_taken_for_it():
     """Beside so bright an edge the pattern's line is hardly seen, and its absence says nothing."""
-    seen = [chessboard(seed, 60.0) for seed in range(8)]
-    *_, bright = corners([*seen, painted(TIP, ANGLES, 200.0, 0.8, 1.0, 30) - 60.0], scales=[250.0] * 9)
+    others = [chessboard(seed, 60.0) for seed in range(8)]
+    *_, bright = corners([*others, painted(TIP, ANGLES, 200.0, 0.8, 1.0, 30) - 60.0], scales=[250.0] * 9)
     assert np.hypot(*(bright.pixel - TIP)) < 0.7
